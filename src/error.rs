@@ -1,0 +1,200 @@
+//! What can go wrong, one variant a cause; every message ends with the remedy.
+
+use std::fmt;
+
+/// Result of everything in this crate that can fail.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+/// A point of the complex plane, as messages print it: `-0.43 + 0.59i`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Eigenvalue {
+    /// Real part.
+    pub re: f64,
+    /// Imaginary part.
+    pub im: f64,
+}
+
+impl fmt::Display for Eigenvalue {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.im == 0.0 {
+            write!(f, "{:.6}", self.re)
+        } else {
+            let sign = if self.im < 0.0 { '-' } else { '+' };
+            write!(f, "{:.6} {sign} {:.6}i", self.re, self.im.abs())
+        }
+    }
+}
+
+/// Bad input or an unsolvable problem.
+///
+/// Sizes are `[rows, columns]`; `what` names the argument with the letter that
+/// the documentation of the failing function uses.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// Something that needs at least one element has none.
+    #[error("{what} is empty: give at least one")]
+    Empty {
+        /// The empty argument.
+        what: String,
+    },
+    /// A matrix has the wrong size.
+    #[error("{what} is {}x{}, wanted {}x{}: check the order of rows and columns", got[0], got[1], want[0], want[1])]
+    Shape {
+        /// The argument.
+        what: String,
+        /// Wanted rows and columns.
+        want: [usize; 2],
+        /// Given rows and columns.
+        got: [usize; 2],
+    },
+    /// An entry is NaN or infinite.
+    #[error("{what}[{row}][{col}] is not a finite number: check how it was computed")]
+    NonFinite {
+        /// The argument.
+        what: String,
+        /// Row of the first offending entry.
+        row: usize,
+        /// Its column.
+        col: usize,
+    },
+    /// A matrix that must be symmetric is not.
+    #[error("{what} is not symmetric (relative difference {relative:.3e}): pass ({what} + {what}')/2 if that is what you mean")]
+    NotSymmetric {
+        /// The argument.
+        what: String,
+        /// Largest difference across the diagonal over the largest entry.
+        relative: f64,
+    },
+    /// A covariance or intensity has a negative eigenvalue.
+    #[error("{what} is not positive semidefinite (smallest eigenvalue {min_eig:.3e}): a covariance cannot be negative in any direction")]
+    NotPsd {
+        /// The argument.
+        what: String,
+        /// The smallest eigenvalue.
+        min_eig: f64,
+    },
+    /// A matrix that must be invertible and positive is not.
+    #[error("{what} is not positive definite: every measured channel needs noise; raise its diagonal")]
+    NotPositiveDefinite {
+        /// The argument.
+        what: String,
+    },
+    /// A mode that the output does not see and that does not decay.
+    #[error("mode {eigenvalue} ({states}) is not detectable from the output: measure it, or drop it from the model")]
+    Undetectable {
+        /// The eigenvalue of `A`.
+        eigenvalue: Eigenvalue,
+        /// States that dominate the mode, by name.
+        states: String,
+    },
+    /// A mode that the noise does not reach and that does not decay.
+    #[error("mode {eigenvalue} ({states}) is not stabilizable through the noise input: give it a disturbance, or drop it from the model")]
+    Unstabilizable {
+        /// The eigenvalue of `A`.
+        eigenvalue: Eigenvalue,
+        /// States that dominate the mode, by name.
+        states: String,
+    },
+    /// A Riccati equation without a stabilizing solution that could be verified.
+    #[error("{what}: no stabilizing solution was found (relative residual {residual:.3e} after {iterations} iterations): check detectability, stabilizability and the scale of the weights")]
+    NoStabilizingSolution {
+        /// The equation.
+        what: String,
+        /// Relative residual reached.
+        residual: f64,
+        /// Iterations spent.
+        iterations: u32,
+    },
+    /// A Lyapunov or Sylvester equation whose coefficient is not stable.
+    #[error("{what}: the coefficient is not stable, so the stationary covariance does not exist: stabilise the system first")]
+    NotStable {
+        /// The equation.
+        what: String,
+    },
+    /// A plant whose loop is unstable has no stationary output error.
+    #[error("plant {index} ({parameters}) is unstable in its loop (mode {mode}): narrow the grid, or change the controller")]
+    UnstablePlant {
+        /// Index on the grid.
+        index: usize,
+        /// Parameter values, printed.
+        parameters: String,
+        /// The eigenvalue of largest real part (modulus in discrete time).
+        mode: Eigenvalue,
+    },
+    /// A model of the bank that cannot be used.
+    #[error("model {index} ({parameters}): {source}")]
+    Model {
+        /// Index in the bank, from 0.
+        index: usize,
+        /// Parameter values, printed.
+        parameters: String,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// A family that cannot be evaluated at some parameter value.
+    #[error("plant at {parameters}: {source}")]
+    Plant {
+        /// Parameter values, printed.
+        parameters: String,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// A parameter name that the family does not have.
+    #[error("no parameter is called '{name}': the family has {known}")]
+    UnknownParameter {
+        /// The name asked for.
+        name: String,
+        /// The names there are, comma-separated.
+        known: String,
+    },
+    /// A sampling interval that is not a positive number.
+    #[error("sampling interval {dt} must be positive and finite")]
+    InvalidDt {
+        /// The interval, in seconds.
+        dt: f64,
+    },
+    /// A value outside its range.
+    #[error("{what} = {value} is out of range: {remedy}")]
+    Range {
+        /// The argument.
+        what: String,
+        /// Its value.
+        value: f64,
+        /// What is allowed.
+        remedy: String,
+    },
+    /// Two settings that exclude each other, or one that is missing.
+    #[error("{problem}: {remedy}")]
+    Conflict {
+        /// What does not fit together.
+        problem: String,
+        /// What to change.
+        remedy: String,
+    },
+    /// A run that would not fit in memory; nothing was allocated.
+    #[error("{what} needs {bytes} bytes, over the limit of {limit}: use a smaller grid, or raise {key}")]
+    Limit {
+        /// What is too large.
+        what: String,
+        /// Bytes needed (saturating).
+        bytes: u128,
+        /// The limit in force.
+        limit: u128,
+        /// The setting that raises it.
+        key: &'static str,
+    },
+    /// The quadrature did not reach its tolerance.
+    #[error("{what}: the frequency integral did not converge (error estimate {error:.3e} after {evaluations} evaluations): loosen the tolerance, or check for poles on the axis")]
+    Quadrature {
+        /// Which plant and model.
+        what: String,
+        /// The error estimate reached.
+        error: f64,
+        /// Integrand evaluations spent.
+        evaluations: usize,
+    },
+    /// The caller asked to stop.
+    #[error("cancelled: nothing was written")]
+    Cancelled,
+}

@@ -1,0 +1,27 @@
+#![doc = include_str!("../README.md")]
+
+pub mod error;
+pub mod real;
+
+pub mod par;
+pub mod simd;
+
+pub mod small;
+
+pub mod model;
+pub mod solve;
+
+pub mod observer;
+
+pub mod eip;
+
+#[cfg(feature = "scenario")]
+pub mod scenario;
+
+#[cfg(feature = "cli")]
+pub mod cli;
+#[cfg(feature = "cli")]
+pub mod report;
+
+pub use error::{Error, Result};
+pub use faer::{Mat, MatRef, mat};

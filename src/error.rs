@@ -59,7 +59,9 @@ pub enum Error {
         col: usize,
     },
     /// A matrix that must be symmetric is not.
-    #[error("{what} is not symmetric (relative difference {relative:.3e}): pass ({what} + {what}')/2 if that is what you mean")]
+    #[error(
+        "{what} is not symmetric (relative difference {relative:.3e}): pass ({what} + {what}')/2 if that is what you mean"
+    )]
     NotSymmetric {
         /// The argument.
         what: String,
@@ -67,7 +69,9 @@ pub enum Error {
         relative: f64,
     },
     /// A covariance or intensity has a negative eigenvalue.
-    #[error("{what} is not positive semidefinite (smallest eigenvalue {min_eig:.3e}): a covariance cannot be negative in any direction")]
+    #[error(
+        "{what} is not positive semidefinite (smallest eigenvalue {min_eig:.3e}): a covariance cannot be negative in any direction"
+    )]
     NotPsd {
         /// The argument.
         what: String,
@@ -75,13 +79,17 @@ pub enum Error {
         min_eig: f64,
     },
     /// A matrix that must be invertible and positive is not.
-    #[error("{what} is not positive definite: every measured channel needs noise; raise its diagonal")]
+    #[error(
+        "{what} is not positive definite: every measured channel needs noise; raise its diagonal"
+    )]
     NotPositiveDefinite {
         /// The argument.
         what: String,
     },
     /// A mode that the output does not see and that does not decay.
-    #[error("mode {eigenvalue} ({states}) is not detectable from the output: measure it, or drop it from the model")]
+    #[error(
+        "mode {eigenvalue} ({states}) is not detectable from the output: measure it, or drop it from the model"
+    )]
     Undetectable {
         /// The eigenvalue of `A`.
         eigenvalue: Eigenvalue,
@@ -89,7 +97,9 @@ pub enum Error {
         states: String,
     },
     /// A mode that the noise does not reach and that does not decay.
-    #[error("mode {eigenvalue} ({states}) is not stabilizable through the noise input: give it a disturbance, or drop it from the model")]
+    #[error(
+        "mode {eigenvalue} ({states}) is not stabilizable through the noise input: give it a disturbance, or drop it from the model"
+    )]
     Unstabilizable {
         /// The eigenvalue of `A`.
         eigenvalue: Eigenvalue,
@@ -97,7 +107,9 @@ pub enum Error {
         states: String,
     },
     /// A Riccati equation without a stabilizing solution that could be verified.
-    #[error("{what}: no stabilizing solution was found (relative residual {residual:.3e} after {iterations} iterations): check detectability, stabilizability and the scale of the weights")]
+    #[error(
+        "{what}: no stabilizing solution was found (relative residual {residual:.3e} after {iterations} iterations): check detectability, stabilizability and the scale of the weights"
+    )]
     NoStabilizingSolution {
         /// The equation.
         what: String,
@@ -107,13 +119,17 @@ pub enum Error {
         iterations: u32,
     },
     /// A Lyapunov or Sylvester equation whose coefficient is not stable.
-    #[error("{what}: the coefficient is not stable, so the stationary covariance does not exist: stabilise the system first")]
+    #[error(
+        "{what}: the coefficient is not stable, so the stationary covariance does not exist: stabilise the system first"
+    )]
     NotStable {
         /// The equation.
         what: String,
     },
     /// A plant whose loop is unstable has no stationary output error.
-    #[error("plant {index} ({parameters}) is unstable in its loop (mode {mode}): narrow the grid, or change the controller")]
+    #[error(
+        "plant {index} ({parameters}) is unstable in its loop (mode {mode}): narrow the grid, or change the controller"
+    )]
     UnstablePlant {
         /// Index on the grid.
         index: usize,
@@ -173,7 +189,9 @@ pub enum Error {
         remedy: String,
     },
     /// A run that would not fit in memory; nothing was allocated.
-    #[error("{what} needs {bytes} bytes, over the limit of {limit}: use a smaller grid, or raise {key}")]
+    #[error(
+        "{what} needs {bytes} bytes, over the limit of {limit}: use a smaller grid, or raise {key}"
+    )]
     Limit {
         /// What is too large.
         what: String,
@@ -185,7 +203,9 @@ pub enum Error {
         key: &'static str,
     },
     /// The quadrature did not reach its tolerance.
-    #[error("{what}: the frequency integral did not converge (error estimate {error:.3e} after {evaluations} evaluations): loosen the tolerance, or check for poles on the axis")]
+    #[error(
+        "{what}: the frequency integral did not converge (error estimate {error:.3e} after {evaluations} evaluations): loosen the tolerance, or check for poles on the axis"
+    )]
     Quadrature {
         /// Which plant and model.
         what: String,

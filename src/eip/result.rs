@@ -1,0 +1,152 @@
+//! What an EIP study returns.
+
+use crate::error::{Eigenvalue, Error};
+use crate::model::Grid;
+
+/// The measure of a model's output error; see the guide for the derivation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Convention {
+    /// `1/2 tr(R^-1 E[eps eps'])`, `eps` the noise-free output error: the rate
+    /// of the exact continuous likelihood, its common constant dropped.
+    Ito,
+    /// Baram's measure on discrete filters. Continuous plants are sampled
+    /// every `dt` seconds; discrete plants bring their own.
+    Baram {
+        /// Sampling interval in seconds.
+        dt: f64,
+    },
+    /// `1/2 tr(E[eps eps'])` in physical units, `S = I`.
+    Identity,
+}
+
+impl Convention {
+    /// `ito`, `baram` or `identity`, as scenario files spell it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Convention::Ito => "ito",
+            Convention::Baram { .. } => "baram",
+            Convention::Identity => "identity",
+        }
+    }
+}
+
+/// A model of the bank, as the study saw it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Label for tables and plots.
+    pub label: String,
+    /// Parameter values, in the order of [`Study::parameters`](super::EipSets::parameters).
+    pub values: Vec<f64>,
+    /// Why the model could not be used; it never wins and its Upsilon is NaN.
+    pub failure: Option<Error>,
+    /// Index of an earlier model with the same observer, if any: the earlier
+    /// one wins every tie.
+    pub duplicate_of: Option<usize>,
+}
+
+/// An interval of the parameter, ends included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Interval {
+    /// Lower end.
+    pub from: f64,
+    /// Upper end.
+    pub to: f64,
+}
+
+/// Where the winner changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Boundary {
+    /// Parameter value, refined.
+    pub value: f64,
+    /// Half-width of the bracket plus the effect of the error of Upsilon.
+    pub uncertainty: f64,
+    /// Model that wins below.
+    pub left: usize,
+    /// Model that wins above.
+    pub right: usize,
+}
+
+/// A plant without a stationary output error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unstable {
+    /// Index on the grid.
+    pub plant: usize,
+    /// Parameter values.
+    pub values: Vec<f64>,
+    /// The least stable mode.
+    pub mode: Eigenvalue,
+    /// States that dominate it, by name.
+    pub states: String,
+}
+
+/// The study for one actuator delay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Actuator delay in seconds.
+    pub delay: f64,
+    /// Upsilon, plants by models (models fastest); NaN for plants that are
+    /// unstable and models that failed.
+    pub upsilon: Vec<f64>,
+    /// Error estimate of each Upsilon: the difference of the two routes where
+    /// both were taken, else the largest difference seen, scaled.
+    pub error: Vec<f64>,
+    /// Winning model of each plant.
+    pub winner: Vec<Option<usize>>,
+    /// Upsilon of the runner-up less that of the winner (0 at a tie,
+    /// infinite with one model, NaN where there is no winner).
+    pub margin: Vec<f64>,
+    /// One parameter: the boundaries, in increasing order.
+    pub boundaries: Vec<Boundary>,
+    /// One parameter: the EIP set of each model, as disjoint intervals.
+    pub sets: Vec<Vec<Interval>>,
+    /// One parameter: stretches of the grid where the loop is unstable.
+    pub unstable_intervals: Vec<Interval>,
+    /// The unstable plants of the grid.
+    pub unstable: Vec<Unstable>,
+    /// Largest difference of the two routes, relative, over the pairs where
+    /// both were taken.
+    pub route_difference: f64,
+    /// Number of pairs where both routes were taken.
+    pub checked_pairs: usize,
+}
+
+/// A stretch of the parameter whose winner depends on the delay.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Undecidable {
+    /// The stretch.
+    pub interval: Interval,
+    /// Models that win somewhere in it for some delay, in increasing order.
+    pub models: Vec<usize>,
+}
+
+/// How the Lyapunov route computed its couplings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Doubling in lanes over plants, powers shared by the models.
+    Doubling,
+    /// Separable modal form, one sum over eigenvalue pairs a pair.
+    Modal,
+}
+
+/// Equivalently-identified-plant sets: which model each plant of the grid is
+/// identified as.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EipSets {
+    /// Names of the parameters of grid and models.
+    pub parameters: Vec<String>,
+    /// The bank.
+    pub models: Vec<Model>,
+    /// The measure.
+    pub convention: Convention,
+    /// The grid of plants.
+    pub grid: Grid,
+    /// One case a delay, in the order given (at least one).
+    pub cases: Vec<Case>,
+    /// One parameter, several delays: where the winner depends on the delay.
+    pub undecidable: Vec<Undecidable>,
+    /// Pseudo-norm `|Upsilon_i - Upsilon_j|` with the plant at nominal value
+    /// `j` (row `j`, column `i`; Hassani et al. 2009, eq. 21); NaN where not defined.
+    pub pseudo_norm: Vec<f64>,
+    /// How the couplings were computed.
+    pub method: Method,
+}

@@ -1,0 +1,120 @@
+//! The only place where faer's algorithms are called; always sequential, so
+//! that results do not depend on the number of threads.
+
+use faer::diag::Diag;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::evd::{
+    ComputeEigenvectors, evd_real, evd_scratch, self_adjoint_evd, self_adjoint_evd_scratch,
+};
+use faer::prelude::default;
+use faer::{Mat, MatRef, Par};
+
+use crate::error::{Eigenvalue, Error, Result};
+
+/// Eigenvalues and eigenvectors of a real matrix.
+///
+/// Complex pairs take two columns of the vector matrices: real part, then
+/// imaginary part of the vector of the eigenvalue with positive imaginary part.
+pub struct Eigen {
+    /// Eigenvalues; members of a pair are neighbours.
+    pub values: Vec<Eigenvalue>,
+    /// Right eigenvectors, packed.
+    pub right: Mat<f64>,
+    /// Left eigenvectors, packed.
+    pub left: Mat<f64>,
+}
+
+fn failed(what: &str, n: usize) -> Error {
+    Error::Range {
+        what: format!("{what} of an order-{n} matrix"),
+        value: f64::NAN,
+        remedy: "the QR iteration did not converge; scale the states to similar size".into(),
+    }
+}
+
+fn square_finite(what: &str, a: MatRef<'_, f64>) -> Result<usize> {
+    let n = a.nrows();
+    if a.ncols() != n {
+        return Err(Error::Shape { what: what.into(), want: [n, n], got: [n, a.ncols()] });
+    }
+    for row in 0..n {
+        for col in 0..n {
+            if !a[(row, col)].is_finite() {
+                return Err(Error::NonFinite { what: what.into(), row, col });
+            }
+        }
+    }
+    Ok(n)
+}
+
+/// Eigenvalues of a symmetric matrix, in increasing order (only the lower
+/// triangle is read).
+///
+/// # Errors
+/// `NonFinite`; `Range` if the iteration does not converge.
+pub fn symmetric_eigenvalues(a: MatRef<'_, f64>) -> Result<Vec<f64>> {
+    let n = square_finite("matrix", a)?;
+    if n == 0 {
+        return Ok(Vec::new());
+    }
+    let mut s = Diag::<f64>::zeros(n);
+    let scratch = self_adjoint_evd_scratch::<f64>(n, ComputeEigenvectors::No, Par::Seq, default());
+    self_adjoint_evd(
+        a,
+        s.as_mut(),
+        None,
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        default(),
+    )
+    .map_err(|_| failed("eigenvalues", n))?;
+    Ok((0..n).map(|i| s[i]).collect())
+}
+
+/// Eigenvalues of a real matrix.
+///
+/// # Errors
+/// `Shape`, `NonFinite`; `Range` if the iteration does not converge.
+pub fn eigenvalues(a: MatRef<'_, f64>) -> Result<Vec<Eigenvalue>> {
+    Ok(eigen_parts(a, ComputeEigenvectors::No)?.values)
+}
+
+/// Eigenvalues with right and left eigenvectors of a real matrix.
+///
+/// # Errors
+/// As [`eigenvalues`].
+pub fn eigen(a: MatRef<'_, f64>) -> Result<Eigen> {
+    eigen_parts(a, ComputeEigenvectors::Yes)
+}
+
+fn eigen_parts(a: MatRef<'_, f64>, vectors: ComputeEigenvectors) -> Result<Eigen> {
+    let n = square_finite("A", a)?;
+    let size = if vectors == ComputeEigenvectors::Yes { n } else { 0 };
+    let (mut left, mut right) = (Mat::zeros(size, size), Mat::zeros(size, size));
+    if n == 0 {
+        return Ok(Eigen { values: Vec::new(), right, left });
+    }
+    let (mut re, mut im) = (Diag::<f64>::zeros(n), Diag::<f64>::zeros(n));
+    let scratch = evd_scratch::<f64>(n, vectors, vectors, Par::Seq, default());
+    evd_real(
+        a,
+        re.as_mut(),
+        im.as_mut(),
+        (size > 0).then(|| left.as_mut()),
+        (size > 0).then(|| right.as_mut()),
+        Par::Seq,
+        MemStack::new(&mut MemBuffer::new(scratch)),
+        default(),
+    )
+    .map_err(|_| failed("eigenvalues", n))?;
+    let values = (0..n).map(|i| Eigenvalue { re: re[i], im: im[i] }).collect();
+    Ok(Eigen { values, right, left })
+}
+
+/// Singular values of a real matrix, in decreasing order.
+///
+/// # Errors
+/// `Range` if the iteration does not converge.
+pub fn singular_values(a: MatRef<'_, f64>) -> Result<Vec<f64>> {
+    a.singular_values().map_err(|_| failed("singular values", a.nrows()))
+}

@@ -1,1 +1,208 @@
-//! To come.
+//! The number type of every kernel: one `f64`, or eight of them in a lane.
+//!
+//! A kernel is written once, generic over [`Real`]. Run on `f64` it is the
+//! oracle: plain scalar arithmetic that can be read and stepped through. Run on
+//! a lane type (made by [`crate::simd::dispatch`] and nameable nowhere else) it
+//! is the product: the same operations on eight independent problems.
+//!
+//! Every operation here is correctly rounded or acts on bits, and fused
+//! multiply-add has one spelling, [`Real::mul_add`]. So each lane of every tier
+//! returns exactly the bits of the oracle (payloads and signs of NaN excepted),
+//! and a lane never looks at its neighbours.
+//!
+//! Comparisons give a mask instead of a `bool`; a branch becomes
+//! [`Real::select`], and only [`Mask::any`] and [`Mask::all`] may steer control
+//! flow, where both ways give the same bits.
+
+mod scalar;
+mod tier;
+
+pub(crate) use scalar::{TWO_52, TWO_52_BIASED};
+pub use tier::Tier;
+
+use std::fmt::Debug;
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+
+/// Keeps [`Real`] to the types of this crate: storage is cast to lanes on the
+/// strength of their layout.
+pub(crate) mod sealed {
+    /// Implemented by `f64` and the lane types.
+    pub trait Sealed {}
+    impl Sealed for f64 {}
+}
+
+/// A truth value per lane; `bool` for the scalar oracle.
+pub trait Mask:
+    Copy
+    + Debug
+    + Send
+    + Sync
+    + 'static
+    + BitAnd<Output = Self>
+    + BitOr<Output = Self>
+    + Not<Output = Self>
+{
+    /// The same truth value in every lane.
+    fn splat(value: bool) -> Self;
+    /// True when at least one lane is true.
+    fn any(self) -> bool;
+    /// True when every lane is true.
+    fn all(self) -> bool;
+    /// The truth value of lane `i`, `i < Real::LANES`.
+    fn lane(self, i: usize) -> bool;
+}
+
+/// A unit of work for one lane type, to be compiled out of line by
+/// [`Real::outline`].
+///
+/// Mark `run` `#[inline(always)]`: it must melt into the feature-enabled
+/// function around it.
+pub trait LaneKernel<T: Real> {
+    /// What the kernel returns.
+    type Out;
+    /// Does the work.
+    fn run(self) -> Self::Out;
+}
+
+/// Arithmetic that means the same, to the bit, on `f64` and on every lane type.
+///
+/// # Examples
+/// ```
+/// use mmae::real::Real;
+/// /// Horner's rule, each step rounded once.
+/// fn horner<T: Real>(c: &[f64], x: T) -> T {
+///     c.iter().rev().fold(T::splat(0.0), |s, &c| s.mul_add(x, T::splat(c)))
+/// }
+/// assert_eq!(horner(&[1.0, 2.0, 3.0], 2.0), 17.0);
+/// ```
+pub trait Real:
+    sealed::Sealed
+    + Copy
+    + Debug
+    + Send
+    + Sync
+    + 'static
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// What comparisons return.
+    type Mask: Mask;
+
+    /// The instruction set behind the type.
+    const TIER: Tier;
+    /// Numbers held: 1 or [`crate::simd::LANES`].
+    const LANES: usize;
+    /// Rows of the register tile of a matrix product.
+    const TILE_ROWS: usize;
+    /// Columns of the register tile of a matrix product.
+    const TILE_COLS: usize;
+
+    /// The same number in every lane.
+    fn splat(x: f64) -> Self;
+    /// The number `f(i)` in lane `i`, called in order of `i`.
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self;
+    /// The number in lane `i`; panics unless `i < LANES`.
+    fn lane(self, i: usize) -> f64;
+    /// The first `LANES` numbers of `src`; panics if it is shorter.
+    fn load(src: &[f64]) -> Self;
+    /// Writes `LANES` numbers to the front of `dst`; panics if it is shorter.
+    fn store(self, dst: &mut [f64]);
+
+    /// `self * a + b`, rounded once.
+    fn mul_add(self, a: Self, b: Self) -> Self;
+    /// `b - self * a`, rounded once.
+    fn neg_mul_add(self, a: Self, b: Self) -> Self;
+    /// Square root, correctly rounded.
+    fn sqrt(self) -> Self;
+    /// Magnitude: clears the sign bit.
+    fn abs(self) -> Self;
+    /// Magnitude of `self` with the sign of `sign`.
+    fn copysign(self, sign: Self) -> Self;
+    /// `if self > other { self } else { other }`: a NaN on either side gives
+    /// `other`, and so do zeros of either sign.
+    fn max(self, other: Self) -> Self;
+    /// `if self < other { self } else { other }`, see [`Real::max`].
+    fn min(self, other: Self) -> Self;
+    /// The nearest integer, ties to even, the sign of zero kept.
+    fn round_ties_even(self) -> Self;
+
+    /// `self < other`; false when either is NaN.
+    fn lt(self, other: Self) -> Self::Mask;
+    /// `self <= other`; false when either is NaN.
+    fn le(self, other: Self) -> Self::Mask;
+    /// `self == other`; false when either is NaN, true for zeros of either sign.
+    fn eq(self, other: Self) -> Self::Mask;
+    /// `if mask { a } else { b }`, lane by lane, whatever `a` and `b` hold.
+    fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
+
+    /// `2^n` for integer `n` in `-1022..=1023`, built from bits; any other `n`
+    /// gives an unspecified number, the same one in every tier.
+    ///
+    /// ```text
+    /// bits(2^n) = (n + 1023) << 52
+    /// ```
+    fn pow2i(n: Self) -> Self;
+    /// The fields of the number: significand in `[1, 2)` and exponent `e`.
+    ///
+    /// ```text
+    /// |x| = significand * 2^e        for normal x
+    /// ```
+    /// The sign is dropped. Zeros and subnormals have `e = -1023`, infinities
+    /// and NaN `e = 1024`; their significand is then `1 + fraction bits`.
+    fn split(self) -> (Self, Self);
+
+    /// Runs `k` in a function of its own, compiled once per tier with the
+    /// tier's instruction set, where inlining at every call site would cost
+    /// more build time and code than the call.
+    fn outline<K: LaneKernel<Self>>(k: K) -> K::Out;
+
+    /// Blocks of storage seen as lanes, or `None` for the scalar oracle, which
+    /// copies one item at a time ([`crate::simd::load_group`]).
+    fn view(blocks: &[crate::simd::Block]) -> Option<&[Self]>;
+    /// As [`Real::view`], to write.
+    fn view_mut(blocks: &mut [crate::simd::Block]) -> Option<&mut [Self]>;
+
+    /// `self > other`; false when either is NaN.
+    #[inline(always)]
+    fn gt(self, other: Self) -> Self::Mask {
+        other.lt(self)
+    }
+    /// `self >= other`; false when either is NaN.
+    #[inline(always)]
+    fn ge(self, other: Self) -> Self::Mask {
+        other.le(self)
+    }
+    /// `1 / self`, correctly rounded.
+    #[inline(always)]
+    fn recip(self) -> Self {
+        Self::splat(1.0) / self
+    }
+    /// `self * a - b`, rounded once.
+    #[inline(always)]
+    fn mul_sub(self, a: Self, b: Self) -> Self {
+        self.mul_add(a, -b)
+    }
+    /// False for infinities and NaN.
+    #[inline(always)]
+    fn is_finite(self) -> Self::Mask {
+        self.abs().lt(Self::splat(f64::INFINITY))
+    }
+    /// Zero in every lane.
+    #[inline(always)]
+    fn zero() -> Self {
+        Self::splat(0.0)
+    }
+    /// One in every lane.
+    #[inline(always)]
+    fn one() -> Self {
+        Self::splat(1.0)
+    }
+    /// `f` of every lane, one at a time: for rare fallbacks.
+    #[inline(always)]
+    fn map_lanes(self, f: impl Fn(f64) -> f64) -> Self {
+        Self::from_fn(|i| f(self.lane(i)))
+    }
+}

@@ -1,0 +1,243 @@
+//! Eight `f64` in one 512-bit register.
+
+use super::{Block, LANES, dispatch};
+use crate::real::{LaneKernel, Mask, Real, TWO_52, TWO_52_BIASED, Tier, sealed::Sealed};
+use std::arch::x86_64::*;
+use std::fmt;
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
+
+/// Eight numbers. A value exists only where AVX-512 F, DQ and VL were detected:
+/// the type is private to `simd`, whose dispatch hands it out after the check.
+#[derive(Clone, Copy)]
+#[repr(transparent)]
+pub(super) struct Lane512(__m512d);
+
+/// Eight truth values, bit `i` for lane `i`.
+#[derive(Clone, Copy)]
+pub(super) struct Mask512(__mmask8);
+
+/// An intrinsic of this tier.
+macro_rules! cpu {
+    ($call:expr) => {
+        // SAFETY: these intrinsics need only the CPU features of the tier, and
+        // a `Lane512` (or its mask) exists only where they were detected.
+        unsafe { $call }
+    };
+}
+
+impl fmt::Debug for Lane512 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries((0..LANES).map(|i| self.lane(i))).finish()
+    }
+}
+
+impl fmt::Debug for Mask512 {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries((0..LANES).map(|i| self.lane(i))).finish()
+    }
+}
+
+impl BitAnd for Mask512 {
+    type Output = Self;
+    #[inline(always)]
+    fn bitand(self, o: Self) -> Self {
+        Mask512(self.0 & o.0)
+    }
+}
+impl BitOr for Mask512 {
+    type Output = Self;
+    #[inline(always)]
+    fn bitor(self, o: Self) -> Self {
+        Mask512(self.0 | o.0)
+    }
+}
+impl Not for Mask512 {
+    type Output = Self;
+    #[inline(always)]
+    fn not(self) -> Self {
+        Mask512(!self.0)
+    }
+}
+impl Mask for Mask512 {
+    #[inline(always)]
+    fn splat(value: bool) -> Self {
+        Mask512(if value { 0xff } else { 0 })
+    }
+    #[inline(always)]
+    fn any(self) -> bool {
+        self.0 != 0
+    }
+    #[inline(always)]
+    fn all(self) -> bool {
+        self.0 == 0xff
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> bool {
+        debug_assert!(i < LANES);
+        (self.0 >> i) & 1 != 0
+    }
+}
+
+impl Add for Lane512 {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, o: Self) -> Self {
+        Lane512(cpu!(_mm512_add_pd(self.0, o.0)))
+    }
+}
+impl Sub for Lane512 {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, o: Self) -> Self {
+        Lane512(cpu!(_mm512_sub_pd(self.0, o.0)))
+    }
+}
+impl Mul for Lane512 {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, o: Self) -> Self {
+        Lane512(cpu!(_mm512_mul_pd(self.0, o.0)))
+    }
+}
+impl Div for Lane512 {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, o: Self) -> Self {
+        Lane512(cpu!(_mm512_div_pd(self.0, o.0)))
+    }
+}
+impl Neg for Lane512 {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Lane512(cpu!(_mm512_xor_pd(self.0, _mm512_set1_pd(-0.0))))
+    }
+}
+
+impl Sealed for Lane512 {}
+
+impl Real for Lane512 {
+    type Mask = Mask512;
+    const TIER: Tier = Tier::Avx512;
+    const LANES: usize = LANES;
+    // 16 sums, four entries of one factor and one of the other: 21 of 32.
+    const TILE_ROWS: usize = 4;
+    const TILE_COLS: usize = 4;
+
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        Lane512(cpu!(_mm512_set1_pd(x)))
+    }
+    #[inline(always)]
+    fn from_fn(f: impl FnMut(usize) -> f64) -> Self {
+        Self::load(&std::array::from_fn::<f64, LANES, _>(f))
+    }
+    #[inline(always)]
+    fn lane(self, i: usize) -> f64 {
+        let mut all = [0.0; LANES];
+        self.store(&mut all);
+        all[i]
+    }
+    #[inline(always)]
+    fn load(src: &[f64]) -> Self {
+        let src = &src[..LANES];
+        // SAFETY: eight readable numbers; the load takes any alignment.
+        Lane512(unsafe { _mm512_loadu_pd(src.as_ptr()) })
+    }
+    #[inline(always)]
+    fn store(self, dst: &mut [f64]) {
+        let dst = &mut dst[..LANES];
+        // SAFETY: eight writable numbers; the store takes any alignment.
+        unsafe { _mm512_storeu_pd(dst.as_mut_ptr(), self.0) }
+    }
+    #[inline(always)]
+    fn mul_add(self, a: Self, b: Self) -> Self {
+        Lane512(cpu!(_mm512_fmadd_pd(self.0, a.0, b.0)))
+    }
+    #[inline(always)]
+    fn neg_mul_add(self, a: Self, b: Self) -> Self {
+        Lane512(cpu!(_mm512_fnmadd_pd(self.0, a.0, b.0)))
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Lane512(cpu!(_mm512_sqrt_pd(self.0)))
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Lane512(cpu!(_mm512_andnot_pd(_mm512_set1_pd(-0.0), self.0)))
+    }
+    #[inline(always)]
+    fn copysign(self, sign: Self) -> Self {
+        Lane512(cpu!({
+            let bit = _mm512_set1_pd(-0.0);
+            _mm512_or_pd(_mm512_andnot_pd(bit, self.0), _mm512_and_pd(bit, sign.0))
+        }))
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        Lane512(cpu!(_mm512_max_pd(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        Lane512(cpu!(_mm512_min_pd(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn round_ties_even(self) -> Self {
+        Lane512(cpu!(_mm512_roundscale_pd::<{ _MM_FROUND_TO_NEAREST_INT | _MM_FROUND_NO_EXC }>(
+            self.0
+        )))
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> Mask512 {
+        Mask512(cpu!(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> Mask512 {
+        Mask512(cpu!(_mm512_cmp_pd_mask::<_CMP_LE_OQ>(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn eq(self, other: Self) -> Mask512 {
+        Mask512(cpu!(_mm512_cmp_pd_mask::<_CMP_EQ_OQ>(self.0, other.0)))
+    }
+    #[inline(always)]
+    fn select(mask: Mask512, a: Self, b: Self) -> Self {
+        Lane512(cpu!(_mm512_mask_blend_pd(mask.0, b.0, a.0)))
+    }
+    #[inline(always)]
+    fn pow2i(n: Self) -> Self {
+        let biased = n + Self::splat(TWO_52_BIASED);
+        Lane512(cpu!(_mm512_castsi512_pd(_mm512_slli_epi64::<52>(_mm512_castpd_si512(biased.0)))))
+    }
+    #[inline(always)]
+    fn split(self) -> (Self, Self) {
+        let (significand, biased) = cpu!({
+            let bits = _mm512_castpd_si512(self.0);
+            let fraction = _mm512_and_si512(bits, _mm512_set1_epi64((1 << 52) - 1));
+            let one = _mm512_castpd_si512(_mm512_set1_pd(1.0));
+            let exponent = _mm512_srli_epi64::<53>(_mm512_slli_epi64::<1>(bits));
+            let two_52 = _mm512_castpd_si512(_mm512_set1_pd(TWO_52));
+            (
+                _mm512_castsi512_pd(_mm512_or_si512(fraction, one)),
+                _mm512_castsi512_pd(_mm512_or_si512(exponent, two_52)),
+            )
+        });
+        (Lane512(significand), Lane512(biased) - Self::splat(TWO_52_BIASED))
+    }
+    #[inline(always)]
+    fn outline<K: LaneKernel<Self>>(k: K) -> K::Out {
+        // SAFETY: the features of the tier were detected, or no `Lane512` type
+        // could have been handed to the caller.
+        unsafe { dispatch::outline_avx512(k) }
+    }
+    #[inline(always)]
+    fn view(blocks: &[Block]) -> Option<&[Self]> {
+        // SAFETY: `Block` and `Lane512` are both 64 bytes aligned to 64, and
+        // any bits are valid in either.
+        Some(unsafe { std::slice::from_raw_parts(blocks.as_ptr().cast(), blocks.len()) })
+    }
+    #[inline(always)]
+    fn view_mut(blocks: &mut [Block]) -> Option<&mut [Self]> {
+        // SAFETY: as in `view`; the borrow is exclusive.
+        Some(unsafe { std::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), blocks.len()) })
+    }
+}

@@ -1,0 +1,52 @@
+//! Every key of the language, by table.
+
+/// The top of the file.
+pub(super) const TOP: &[&str] =
+    &["format", "title", "plant", "disturbance", "input", "controller", "actuator", "bank", "eip"];
+/// `[plant]`.
+pub(super) const PLANT: &[&str] = &[
+    "family",
+    "time",
+    "dt",
+    "states",
+    "inputs",
+    "disturbances",
+    "outputs",
+    "A",
+    "B",
+    "G",
+    "C",
+    "Q",
+    "R",
+    "parameters",
+];
+/// `[disturbance]` and `[input]`.
+pub(super) const FILTER: &[&str] = &["states", "A", "B", "C", "Q"];
+/// `[controller]`.
+pub(super) const CONTROLLER: &[&str] = &["A", "B", "C", "D"];
+/// `[actuator]`.
+pub(super) const ACTUATOR: &[&str] = &["delay", "pade"];
+/// `[bank]`.
+pub(super) const BANK: &[&str] = &["observer", "models", "labels", "shaping", "Q", "R"];
+/// `[eip]`.
+pub(super) const EIP: &[&str] =
+    &["grid", "convention", "dt", "delays", "verify", "method", "memory_limit"];
+/// A range of one parameter.
+pub(super) const RANGE: &[&str] = &["from", "to", "points", "step", "scale"];
+
+/// The table that a key at the wrong place belongs in, when there is one only.
+pub(super) fn home(key: &str) -> Option<&'static str> {
+    let tables = [
+        ("plant", PLANT),
+        ("disturbance", FILTER),
+        ("controller", CONTROLLER),
+        ("actuator", ACTUATOR),
+        ("bank", BANK),
+        ("eip", EIP),
+    ];
+    let mut homes = tables.iter().filter(|(_, keys)| keys.contains(&key));
+    match (homes.next(), homes.next()) {
+        (Some((home, _)), None) => Some(home),
+        _ => None,
+    }
+}

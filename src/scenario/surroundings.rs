@@ -1,0 +1,154 @@
+//! `[disturbance]`, `[input]`, `[controller]` and `[actuator]`.
+
+use faer::Mat;
+use toml::de::DeValue;
+
+use super::keys;
+use super::matrix::{CONSTANT, Size, Written};
+use super::reader::{Reader, Table, Value};
+use crate::model::{Controller, Names, Shaping};
+
+/// The actuator of a scenario.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Actuator {
+    /// Delay in seconds, if given.
+    pub(super) delay: Option<f64>,
+    /// Pade order, 0 for the default.
+    pub(super) pade: usize,
+}
+
+/// Highest Pade order: the approximation gains nothing beyond and its
+/// coefficients lose digits.
+const PADE: u64 = 10;
+
+fn table<'r, 'a>(
+    reader: &'r Reader<'a>,
+    path: &'r str,
+    value: &'r Value<'a>,
+    known: &[&str],
+) -> Option<Table<'r, 'a>> {
+    match value.get_ref() {
+        DeValue::Table(map) => Some(Table::new(reader, path, value.span().start, map, known)),
+        _ => reader.wrong_type(path, value, "a table"),
+    }
+}
+
+/// Reads the matrix `letter` of a table whose entries are constants.
+fn constant(table: &Table<'_, '_>, letter: &str, size: [Size<'_>; 2]) -> Option<Mat<f64>> {
+    let remedy = format!("give its rows, {} by {}", size[0].of, size[1].of);
+    let value = table.need(letter, &remedy)?;
+    let key = table.key(letter);
+    let written = table.reader.matrix(&key, value, CONSTANT, size)?;
+    written.evaluate(table.reader, &key, &[], &[])
+}
+
+/// Reads a covariance of order `n`; the identity when there is none.
+fn intensity(table: &Table<'_, '_>, letter: &str, n: usize, of: &str) -> Option<Mat<f64>> {
+    let Some(value) = table.get(letter) else { return Some(Mat::identity(n, n)) };
+    let key = table.key(letter);
+    let written: Written = table.reader.covariance(&key, value, CONSTANT, Size::new(n, of))?;
+    written.evaluate(table.reader, &key, &[], &[])
+}
+
+/// Reads a shaping filter whose outputs are the channels `outputs`, which are
+/// the plant's `kind`.
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub(super) fn filter<'a>(
+    reader: &Reader<'a>,
+    path: &'static str,
+    value: &Value<'a>,
+    outputs: &[String],
+    kind: &str,
+) -> Option<Shaping> {
+    let table = table(reader, path, value, keys::FILTER)?;
+    if outputs.is_empty() {
+        let remedy = format!("name them under plant.{kind}, or remove [{path}]");
+        return reader.error(table.at, path, format!("the plant has no {kind}"), remedy);
+    }
+    let states = table.need("states", "name the filter's states, as in states = [\"d\"]")?;
+    let states = reader.names(&table.key("states"), states)?;
+    if states.is_empty() {
+        return table.error("states", "the list is empty", "name at least one state");
+    }
+    let x = Size::new(states.len(), "filter states");
+    let A = constant(&table, "A", [x, x]);
+    let B = constant(&table, "B", [x, Size::free("noises")]);
+    let C = constant(&table, "C", [Size::new(outputs.len(), kind), x]);
+    let B = B?;
+    let Q = intensity(&table, "Q", B.ncols(), "noises");
+    Some(Shaping { A: A?, B, C: C?, Q: Q?, states })
+}
+
+/// Reads the controller of a plant with channels `names`.
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub(super) fn controller<'a>(
+    reader: &Reader<'a>,
+    value: &Value<'a>,
+    names: &Names,
+) -> Option<Controller> {
+    let table = table(reader, "controller", value, keys::CONTROLLER)?;
+    if names.inputs.is_empty() {
+        let remedy = "name them under plant.inputs, or remove [controller]";
+        return reader.error(table.at, "controller", "the plant has no inputs", remedy);
+    }
+    let u = Size::new(names.inputs.len(), "inputs");
+    let y = Size::new(names.outputs.len(), "outputs");
+    let dynamic = ["A", "B", "C"].iter().any(|k| table.get(k).is_some());
+    if !dynamic && table.get("D").is_none() {
+        let remedy = "give A, B, C (and D), or D alone for a static gain";
+        return reader.error(table.at, "controller", "no matrices", remedy);
+    }
+    let D = match table.get("D") {
+        Some(_) => constant(&table, "D", [u, y]),
+        None => Some(Mat::zeros(names.inputs.len(), names.outputs.len())),
+    };
+    if !dynamic {
+        let (nu, ny) = (names.inputs.len(), names.outputs.len());
+        return Some(Controller {
+            A: Mat::zeros(0, 0),
+            B: Mat::zeros(0, ny),
+            C: Mat::zeros(nu, 0),
+            D: D?,
+        });
+    }
+    let free = Size::free("controller states");
+    let A = constant(&table, "A", [free, free])?;
+    if A.nrows() != A.ncols() {
+        let message = format!("{} by {}, not square", A.nrows(), A.ncols());
+        return table.error("A", message, "give as many rows as columns");
+    }
+    let x = Size::new(A.nrows(), "controller states");
+    let (B, C) = (constant(&table, "B", [x, y]), constant(&table, "C", [u, x]));
+    Some(Controller { A, B: B?, C: C?, D: D? })
+}
+
+/// Reads `[actuator]`.
+pub(super) fn actuator<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<Actuator> {
+    let table = table(reader, "actuator", value, keys::ACTUATOR)?;
+    let delay = match table.get("delay") {
+        Some(value) => Some(delay(reader, "actuator.delay", value)?),
+        None => None,
+    };
+    let pade = match table.get("pade") {
+        Some(value) => match reader.integer("actuator.pade", value, 1)? {
+            order @ 1..=PADE => order as usize,
+            order => {
+                let remedy = format!("at most {PADE}; 4 is accurate to 1e-8 on most loops");
+                return table.error("pade", format!("{order} is too high an order"), remedy);
+            }
+        },
+        None => 0,
+    };
+    Some(Actuator { delay, pade })
+}
+
+/// A delay in seconds.
+pub(super) fn delay(reader: &Reader<'_>, key: &str, value: &Value<'_>) -> Option<f64> {
+    let delay = reader.number(key, value)?;
+    if delay >= 0.0 {
+        // -0.0 is a delay of nothing
+        return Some(delay.abs());
+    }
+    let message = format!("{delay} s would be a prediction");
+    reader.error(value.span().start, key, message, "give a delay of 0 s or more")
+}

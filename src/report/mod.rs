@@ -1,1 +1,18 @@
-//! To come.
+//! Results for people and for other programs: text, JSON, table, picture.
+//!
+//! Every form tells the same study, [`EipSets`](crate::eip::EipSets): who wins
+//! where, how sure that is, and what could not be computed. The file formats
+//! are described in the guide, page "results".
+
+mod number;
+
+pub mod figure;
+pub mod json;
+pub mod lock;
+pub mod manifest;
+pub mod summary;
+pub mod table;
+pub mod text;
+pub mod write;
+
+pub use number::{plain, significant};

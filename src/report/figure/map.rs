@@ -1,0 +1,432 @@
+//! Two parameters: a map of winners, stronger where the margin is larger.
+
+use svg::node::element::{Circle, Group, SVG};
+
+use super::canvas::{self, Area, LABEL, NOTE, TICK, TITLE, WIDTH};
+use super::palette::{Color, GREY, INK};
+use super::scale::Scale;
+use crate::eip::EipSets;
+use crate::model::Axis;
+use crate::report::number::{decade, pretty};
+use crate::report::summary;
+
+/// Cells a side, at most; finer grids show every few points.
+const CELLS: usize = 240;
+/// Shades of a colour, from the smallest margin to the largest.
+const SHADES: [f64; 5] = [0.78, 0.6, 0.4, 0.2, 0.0];
+/// Rows of the legend.
+const LEGEND: usize = 18;
+
+pub(super) fn draw(sets: &EipSets) -> SVG {
+    let axes = sets.grid.axes();
+    let ((x_name, x_axis), (y_name, y_axis)) = (&axes[0], &axes[1]);
+    let plane = Plane::new(sets);
+    let levels = levels(&plane.margins());
+
+    let right = 236.0;
+    let left = 40.0 + canvas::y_axis_width(&Scale::of_axis(y_axis, 500.0, 0.0), 60.0).max(36.0);
+    let title = format!("EIP sets of {x_name} and {y_name}");
+    let mut top = 40.0;
+    let mut head =
+        Group::new().add(canvas::text(left, top, TITLE, &title).set("font-weight", "bold"));
+    for text in canvas::wrapped(&plane.subtitle(), NOTE, WIDTH - left - 20.0) {
+        top += 23.0;
+        head = head.add(canvas::text(left, top, NOTE, &text).set("fill", GREY));
+    }
+    top += 20.0;
+    let area = Area { x: left, y: top, w: WIDTH - right - left, h: 540.0 };
+    let x = padded(x_axis, &plane.columns, area.x, area.right());
+    let y = padded(y_axis, &plane.rows, area.bottom(), area.y);
+    let mut body = Group::new().add(plane.cells(&levels, &x, &y));
+    body = body.add(plane.undecidable(&x, &y)).add(plane.seams(&x, &y)).add(plane.nominals(&x, &y));
+    body = body.add(area.frame());
+    body =
+        body.add(canvas::x_axis(area, &x, true, false)).add(canvas::y_axis(area, &y, 60.0, false));
+    let bottom = area.bottom() + canvas::NAME;
+    body = body
+        .add(canvas::centered(area.x + area.w / 2.0, bottom, LABEL, x_name))
+        .add(canvas::y_label(24.0, area, y_name));
+    body = body.add(plane.legend(&levels, area.right() + 24.0, area.y + 14.0));
+    canvas::page(bottom + 26.0, &title).add(head).add(body)
+}
+
+/// A scale with room for half a cell at both ends.
+fn padded(axis: &Axis, shown: &[usize], start: f64, end: f64) -> Scale {
+    let mut scale = Scale::of_axis(axis, start, end);
+    let values: Vec<f64> = shown.iter().map(|&k| axis.value(k)).collect();
+    if let ([first, second, ..], [.., before, last]) = (&values[..], &values[..]) {
+        let outer = |edge: f64, next: f64| {
+            let middle = scale.middle(edge, next);
+            if scale.log { edge * edge / middle } else { 2.0 * edge - middle }
+        };
+        let (from, to) = (outer(*first, *second), outer(*last, *before));
+        (scale.from, scale.to) = (from, to);
+    }
+    scale
+}
+
+/// The shown plane of the grid: the first two axes.
+struct Plane<'a> {
+    sets: &'a EipSets,
+    /// Shown indices of the first and of the second axis.
+    columns: Vec<usize>,
+    rows: Vec<usize>,
+    /// Index along every other axis.
+    others: Vec<usize>,
+}
+
+impl<'a> Plane<'a> {
+    fn new(sets: &'a EipSets) -> Self {
+        let axes = sets.grid.axes();
+        let shown = |axis: &Axis| -> Vec<usize> {
+            let every = axis.len().div_ceil(CELLS);
+            (0..axis.len()).step_by(every).collect()
+        };
+        Self {
+            sets,
+            columns: shown(&axes[0].1),
+            rows: shown(&axes[1].1),
+            others: axes[2..].iter().map(|(_, axis)| axis.len() / 2).collect(),
+        }
+    }
+
+    /// Index of a plant on the grid, last axis fastest.
+    fn plant(&self, column: usize, row: usize) -> usize {
+        let indices = [column, row].into_iter().chain(self.others.iter().copied());
+        self.sets.grid.axes().iter().zip(indices).fold(0, |k, ((_, axis), i)| k * axis.len() + i)
+    }
+
+    fn winner(&self, column: usize, row: usize) -> Option<usize> {
+        self.sets.cases[0].winner[self.plant(column, row)]
+    }
+
+    /// Whether the winner depends on the delay.
+    fn undecided(&self, column: usize, row: usize) -> bool {
+        summary::undecided(self.sets, self.plant(column, row))
+    }
+
+    fn margin(&self, column: usize, row: usize) -> f64 {
+        self.sets.cases[0].margin[self.plant(column, row)]
+    }
+
+    fn margins(&self) -> Vec<f64> {
+        let all = self.columns.iter().flat_map(|&c| self.rows.iter().map(move |&r| (c, r)));
+        let mut margins: Vec<f64> =
+            all.map(|(c, r)| self.margin(c, r)).filter(|m| m.is_finite()).collect();
+        margins.sort_by(f64::total_cmp);
+        margins
+    }
+
+    fn subtitle(&self) -> String {
+        let sets = self.sets;
+        let case = &sets.cases[0];
+        let mut parts = vec![
+            summary::count(sets.models.len(), "model"),
+            summary::count(sets.grid.len(), "plant"),
+            summary::convention(sets.convention),
+        ];
+        if case.delay != 0.0 || sets.cases.len() > 1 {
+            let more = if sets.cases.len() > 1 {
+                format!(" (first of {})", sets.cases.len())
+            } else {
+                String::new()
+            };
+            parts.push(format!("actuator delay {}{more}", summary::delay(case.delay)));
+        }
+        let axes = sets.grid.axes();
+        if axes.len() > 2 {
+            let fixed: Vec<String> = axes[2..]
+                .iter()
+                .zip(&self.others)
+                .map(|((name, axis), &k)| format!("{name} = {}", axis.value(k)))
+                .collect();
+            parts.push(format!("slice at {} (middle of the grid)", fixed.join(", ")));
+        }
+        let thinned: Vec<String> = [(&axes[0], &self.columns), (&axes[1], &self.rows)]
+            .iter()
+            .filter(|((_, axis), shown)| shown.len() < axis.len())
+            .map(|((name, axis), shown)| format!("{} of {} {name}", shown.len(), axis.len()))
+            .collect();
+        if !thinned.is_empty() {
+            parts.push(format!("shown: {}", thinned.join(", ")));
+        }
+        parts.join(", ")
+    }
+
+    /// Winner and shade of every cell; equal neighbours of a row are one
+    /// rectangle.
+    fn cells(&self, levels: &[f64], x: &Scale, y: &Scale) -> Group {
+        let axes = self.sets.grid.axes();
+        let xs = edges(&axes[0].1, &self.columns, x);
+        let ys = edges(&axes[1].1, &self.rows, y);
+        // crisp edges: no seams of background between cells
+        let mut group = Group::new().set("shape-rendering", "crispEdges");
+        for (r, &row) in self.rows.iter().enumerate() {
+            let style = |c: usize| {
+                let column = self.columns[c];
+                self.winner(column, row).map(|i| (i, shade(levels, self.margin(column, row))))
+            };
+            let mut c = 0;
+            while c < self.columns.len() {
+                let first = c;
+                while c < self.columns.len() && style(c) == style(first) {
+                    c += 1;
+                }
+                let cell =
+                    Area { x: xs[first], y: ys[r + 1], w: xs[c] - xs[first], h: ys[r] - ys[r + 1] };
+                let rectangle = cell.rectangle();
+                group = group.add(match style(first) {
+                    Some((i, s)) => rectangle.set("fill", Color::of(i).pale(SHADES[s])),
+                    None => rectangle.set("fill", canvas::UNSTABLE),
+                });
+            }
+        }
+        group
+    }
+
+    /// Hatch over the cells whose winner depends on the delay.
+    fn undecidable(&self, x: &Scale, y: &Scale) -> Group {
+        let axes = self.sets.grid.axes();
+        let xs = edges(&axes[0].1, &self.columns, x);
+        let ys = edges(&axes[1].1, &self.rows, y);
+        let mut group = Group::new();
+        if self.sets.cases.len() < 2 {
+            return group;
+        }
+        for (r, &row) in self.rows.iter().enumerate() {
+            let mut c = 0;
+            while c < self.columns.len() {
+                let first = c;
+                while c < self.columns.len() && self.undecided(self.columns[c], row) {
+                    c += 1;
+                }
+                if c > first {
+                    let w = xs[c] - xs[first];
+                    let cell = Area { x: xs[first], y: ys[r + 1], w, h: ys[r] - ys[r + 1] };
+                    group = group.add(cell.rectangle().set("fill", canvas::UNDECIDABLE));
+                }
+                c = c.max(first + 1);
+            }
+        }
+        group
+    }
+
+    /// Lines between cells with different winners.
+    fn seams(&self, x: &Scale, y: &Scale) -> Group {
+        let axes = self.sets.grid.axes();
+        let xs = edges(&axes[0].1, &self.columns, x);
+        let ys = edges(&axes[1].1, &self.rows, y);
+        let mut d = String::new();
+        let mut add = |from: (f64, f64), to: (f64, f64)| {
+            d.push_str(&format!(
+                "M{} {}L{} {}",
+                canvas::px(from.0),
+                canvas::px(from.1),
+                canvas::px(to.0),
+                canvas::px(to.1)
+            ));
+        };
+        let winner = |c: usize, r: usize| self.winner(self.columns[c], self.rows[r]);
+        // runs, so that a straight seam is one line
+        for c in 1..self.columns.len() {
+            let mut r = 0;
+            while r < self.rows.len() {
+                let first = r;
+                while r < self.rows.len() && winner(c - 1, r) != winner(c, r) {
+                    r += 1;
+                }
+                if r > first {
+                    add((xs[c], ys[first]), (xs[c], ys[r]));
+                }
+                r = r.max(first + 1);
+            }
+        }
+        for r in 1..self.rows.len() {
+            let mut c = 0;
+            while c < self.columns.len() {
+                let first = c;
+                while c < self.columns.len() && winner(c, r - 1) != winner(c, r) {
+                    c += 1;
+                }
+                if c > first {
+                    add((xs[first], ys[r]), (xs[c], ys[r]));
+                }
+                c = c.max(first + 1);
+            }
+        }
+        if d.is_empty() {
+            return Group::new();
+        }
+        let path = svg::node::element::Path::new().set("d", d).set("fill", "none");
+        Group::new().add(path.set("stroke", INK).set("stroke-width", 1.4))
+    }
+
+    /// Numbered dots at the nominal values.
+    fn nominals(&self, x: &Scale, y: &Scale) -> Group {
+        let axes = self.sets.grid.axes();
+        let column = |name: &str| self.sets.parameters.iter().position(|p| p == name);
+        let mut group = Group::new();
+        let (Some(cx), Some(cy)) = (column(&axes[0].0), column(&axes[1].0)) else { return group };
+        let mut taken: Vec<(f64, f64)> = Vec::new();
+        for (i, model) in self.sets.models.iter().enumerate() {
+            let (Some(&vx), Some(&vy)) = (model.values.get(cx), model.values.get(cy)) else {
+                continue;
+            };
+            if !(x.from..=x.to).contains(&vx) || !(y.from..=y.to).contains(&vy) {
+                continue;
+            }
+            let (px, py) = (x.at(vx), y.at(vy));
+            if taken.iter().any(|t| (t.0 - px).hypot(t.1 - py) < 20.0) {
+                continue;
+            }
+            taken.push((px, py));
+            group = group.add(dot(px, py, i));
+        }
+        group
+    }
+
+    fn legend(&self, levels: &[f64], x: f64, top: f64) -> Group {
+        let sets = self.sets;
+        let mut group = Group::new();
+        let mut y = top;
+        let heading = |group: Group, y: f64, text: &str| {
+            group.add(canvas::text(x, y, NOTE, text).set("font-weight", "bold"))
+        };
+        group = heading(group, y, "winner");
+        let seen: Vec<bool> = {
+            let mut seen = vec![false; sets.models.len()];
+            for i in sets.cases[0].winner.iter().flatten() {
+                seen[*i] = true;
+            }
+            seen
+        };
+        let winners: Vec<usize> = (0..seen.len()).filter(|&i| seen[i]).collect();
+        for &i in winners.iter().take(LEGEND) {
+            y += 25.0;
+            group = group.add(dot(x + 11.0, y - 5.0, i));
+            // a line never breaks between a name and its value
+            let label = summary::short_name(sets, i).replace(" = ", "\u{a0}=\u{a0}");
+            let lines = canvas::wrapped(&label, NOTE, WIDTH - x - 40.0);
+            // names of many values take more lines, where there is room
+            let lines = &lines[..lines.len().min(if winners.len() > 8 { 1 } else { 3 })];
+            for (k, text) in lines.iter().enumerate() {
+                y += if k > 0 { 20.0 } else { 0.0 };
+                group = group.add(canvas::text(x + 29.0, y, NOTE, text));
+            }
+        }
+        let mut lines = Vec::new();
+        if winners.len() > LEGEND {
+            lines.push(format!("and {} more", winners.len() - LEGEND));
+        }
+        if winners.len() < sets.models.len() {
+            let losers = sets.models.len() - winners.len();
+            lines.push(format!("{} without a plant", summary::count(losers, "model")));
+        }
+        for text in lines {
+            y += 25.0;
+            group = group.add(canvas::text(x, y, NOTE, &text).set("fill", GREY));
+        }
+        if sets.cases[0].winner.iter().any(Option::is_none) {
+            y += 27.0;
+            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 15.0 };
+            let text = if winners.is_empty() { "no winner anywhere" } else { "unstable loop" };
+            group = group.add(swatch.frame().set("fill", canvas::UNSTABLE)).add(canvas::text(
+                x + 29.0,
+                y,
+                NOTE,
+                text,
+            ));
+        }
+        if (0..sets.grid.len()).any(|plant| summary::undecided(sets, plant)) {
+            y += 27.0;
+            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 15.0 };
+            group = group.add(swatch.frame().set("fill", canvas::UNDECIDABLE)).add(canvas::text(
+                x + 29.0,
+                y,
+                NOTE,
+                "undecidable",
+            ));
+        }
+        if levels.is_empty() {
+            return group;
+        }
+        y += 44.0;
+        group = heading(group, y, "margin to runner-up");
+        let first = SHADES.len() - 1 - levels.len();
+        for (k, pale) in SHADES[first..].iter().enumerate() {
+            y += 22.0;
+            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 17.0 };
+            let text = match (k.checked_sub(1).map(|b| levels[b]), levels.get(k)) {
+                (None, Some(above)) => format!("below {}", pretty(*above)),
+                (Some(below), Some(above)) => format!("{} to {}", pretty(below), pretty(*above)),
+                (Some(below), None) => format!("above {}", pretty(below)),
+                (None, None) => String::new(),
+            };
+            group = group
+                .add(swatch.frame().set("fill", Color::of(0).pale(*pale)))
+                .add(canvas::text(x + 29.0, y, NOTE, &text));
+        }
+        group
+    }
+}
+
+fn dot(x: f64, y: f64, model: usize) -> Group {
+    let circle = Circle::new()
+        .set("cx", canvas::px(x))
+        .set("cy", canvas::px(y))
+        .set("r", 10.5)
+        .set("fill", Color::of(model))
+        .set("stroke", "#ffffff")
+        .set("stroke-width", 1.6);
+    let number = (model + 1).to_string();
+    let size = if number.len() > 2 { 10.0 } else { TICK - 3.0 };
+    Group::new().add(circle).add(
+        canvas::centered(x, y + 0.36 * size, size, &number)
+            .set("fill", Color::of(model).contrast()),
+    )
+}
+
+/// Pixels between the shown values of an axis, one more than there are values.
+fn edges(axis: &Axis, shown: &[usize], scale: &Scale) -> Vec<f64> {
+    let values: Vec<f64> = shown.iter().map(|&k| axis.value(k)).collect();
+    let mut edges = vec![scale.start];
+    edges.extend(values.windows(2).map(|w| scale.at(scale.middle(w[0], w[1]))));
+    edges.push(scale.end);
+    edges
+}
+
+/// Index into [`SHADES`] of a margin, given increasing levels.
+fn shade(levels: &[f64], margin: f64) -> usize {
+    let first = SHADES.len() - 1 - levels.len();
+    // an infinite margin (one model) has the full colour
+    first + levels.iter().filter(|level| margin >= **level).count()
+}
+
+/// Up to four round numbers that part the sorted margins evenly.
+fn levels(sorted: &[f64]) -> Vec<f64> {
+    let Some(&largest) = sorted.last() else { return Vec::new() };
+    if largest <= 0.0 {
+        return Vec::new();
+    }
+    let mut levels: Vec<f64> = [0.15, 0.4, 0.65, 0.88]
+        .iter()
+        .map(|q| sorted[((sorted.len() - 1) as f64 * q) as usize])
+        .filter(|m| *m > 0.0)
+        .map(round)
+        .collect();
+    levels.dedup();
+    levels
+}
+
+/// The nearest of 1, 2, 5 times a power of ten.
+fn round(v: f64) -> f64 {
+    let exponent = decade(v);
+    let mut best = f64::NAN;
+    for text in ["1", "2", "5", "10"] {
+        let candidate: f64 = format!("{text}e{exponent}").parse().unwrap_or(f64::NAN);
+        if best.is_nan() || (candidate / v).ln().abs() < (best / v).ln().abs() {
+            best = candidate;
+        }
+    }
+    best
+}

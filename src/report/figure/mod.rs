@@ -1,0 +1,40 @@
+//! The study as a picture (SVG): one parameter as curves over bands, two as a
+//! map of winners.
+//!
+//! Text keeps a size that is legible at 600 pixels of width; colours follow
+//! Okabe and Ito (2008), so that they stay apart for colour-blind readers, and
+//! every colour is doubled by a number or a label.
+
+mod canvas;
+mod curves;
+mod decisions;
+mod map;
+mod palette;
+mod place;
+mod scale;
+
+use std::io::{self, Write};
+
+use crate::eip::EipSets;
+
+/// Writes the picture as a stand-alone SVG file that scales to any width.
+///
+/// With more than two parameters the first two are shown, the others at the
+/// middle of their axis, and the subtitle says so.
+///
+/// # Errors
+/// Whatever `out` reports.
+pub fn write(sets: &EipSets, mut out: impl Write) -> io::Result<()> {
+    let drawing = if sets.grid.axes().len() == 1 { curves::draw(sets) } else { map::draw(sets) };
+    out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
+    svg::write(&mut out, &drawing)?;
+    out.write_all(b"\n")
+}
+
+/// The picture as text, as [`write`] writes it.
+pub fn to_string(sets: &EipSets) -> String {
+    let mut bytes = Vec::new();
+    // writing to memory does not fail, and SVG text is UTF-8
+    let _ = write(sets, &mut bytes);
+    String::from_utf8(bytes).unwrap_or_default()
+}

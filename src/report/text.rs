@@ -1,0 +1,413 @@
+//! The study as a text that reads well in 80 columns.
+
+use std::fmt::Write;
+
+use crate::eip::{Case, EipSets, Method};
+use crate::report::summary::{self, count, numbers};
+use crate::report::{plain, significant};
+
+/// Columns of the text.
+const WIDTH: usize = 80;
+/// Lines of a list that is cut short after this many.
+const LONG: usize = 6;
+
+/// The study as text: who wins where, boundaries, what could not be computed
+/// and how well two independent routes agree.
+///
+/// Models are numbered from 1, in the order of the bank. Ends in a newline.
+pub fn render(sets: &EipSets) -> String {
+    let mut out = String::new();
+    heading(&mut out, sets);
+    let several = sets.cases.len() > 1;
+    for case in &sets.cases {
+        if several {
+            line(&mut out, &format!("\nActuator delay {}", summary::delay(case.delay)));
+        } else if case.delay != 0.0 {
+            line(&mut out, &format!("Actuator delay {}.", summary::delay(case.delay)));
+        }
+        out.push('\n');
+        models(&mut out, sets, case);
+        boundaries(&mut out, sets, case);
+        closest(&mut out, sets, case);
+        unstable(&mut out, sets, case);
+    }
+    undecidable(&mut out, sets);
+    bad_models(&mut out, sets);
+    pseudo_norm(&mut out, sets);
+    routes(&mut out, sets);
+    out
+}
+
+fn heading(out: &mut String, sets: &EipSets) {
+    let axes: Vec<String> = sets
+        .grid
+        .axes()
+        .iter()
+        .map(|(name, axis)| {
+            let (from, to) = summary::ends(axis);
+            format!("{name} in [{}, {}]", plain(from), plain(to))
+        })
+        .collect();
+    line(
+        out,
+        &format!(
+            "EIP sets for {}: {}, {}, {}.",
+            axes.join(", "),
+            count(sets.grid.len(), "plant"),
+            count(sets.models.len(), "model"),
+            summary::convention(sets.convention),
+        ),
+    );
+}
+
+fn models(out: &mut String, sets: &EipSets, case: &Case) {
+    let n = sets.models.len();
+    let one = sets.grid.axes().len() == 1;
+    let labelled = (0..n).any(|i| summary::own_label(sets, i).is_some());
+    let shares = summary::shares(case, n);
+    let ranges = summary::winning_range(case, n);
+    let mut table = Table::default();
+    let mut head = vec![right("model")];
+    // more columns of values than fit are left to the JSON file
+    let shown = sets.parameters.len().min(if one { 2 } else { 4 });
+    head.extend(sets.parameters[..shown].iter().map(|name| left(&shorten(name, 16))));
+    if labelled {
+        head.push(left("label"));
+    }
+    if one {
+        head.push(left("EIP set"));
+    }
+    head.push(right("share"));
+    head.push(left("its Upsilon there"));
+    table.row(head);
+    for (i, model) in sets.models.iter().enumerate() {
+        let mut row = vec![right(&(i + 1).to_string())];
+        row.extend(model.values[..shown].iter().map(|v| left(&plain(*v))));
+        if labelled {
+            row.push(left(&shorten(summary::own_label(sets, i).unwrap_or(""), 20)));
+        }
+        let lead = row.len();
+        let mut set = case.sets.get(i).map(Vec::as_slice).unwrap_or_default().iter().map(|s| {
+            let end = |v| summary::end_point(v, &case.boundaries);
+            format!("[{}, {}]", end(s.from), end(s.to))
+        });
+        if one {
+            let none = if model.failure.is_some() { "unusable" } else { "none" };
+            row.push(left(&set.next().unwrap_or_else(|| none.into())));
+        }
+        row.push(right(&format!("{:.1} %", 100.0 * shares[i])));
+        row.push(left(&match ranges[i] {
+            Some((low, high)) => format!("{} .. {}", significant(low, 4), significant(high, 4)),
+            None => String::new(),
+        }));
+        table.row(row);
+        for interval in set {
+            let mut more = vec![left(""); lead];
+            more.push(left(&interval));
+            table.row(more);
+        }
+    }
+    if table.width() > WIDTH {
+        table.drop_last(table.columns() - 1);
+    }
+    table.print(out);
+}
+
+fn boundaries(out: &mut String, sets: &EipSets, case: &Case) {
+    if case.boundaries.is_empty() {
+        return;
+    }
+    out.push('\n');
+    let mut table = Table::default();
+    let name = &sets.grid.axes()[0].0;
+    table.row(vec![left("boundary"), left(name), left("uncertainty"), left("models")]);
+    for (k, b) in case.boundaries.iter().enumerate() {
+        table.row(vec![
+            right(&(k + 1).to_string()),
+            left(&summary::boundary_value(b)),
+            left(&significant(b.uncertainty, 2)),
+            left(&format!("{} | {}", b.left + 1, b.right + 1)),
+        ]);
+    }
+    table.print(out);
+}
+
+fn closest(out: &mut String, sets: &EipSets, case: &Case) {
+    if sets.grid.axes().len() == 1 {
+        return; // boundaries say more
+    }
+    if let Some(c) = summary::closest(case, sets.models.len()) {
+        out.push('\n');
+        line(
+            out,
+            &format!(
+                "Smallest margin: {} at {} (model {} ahead of {}).",
+                significant(c.margin, 4),
+                summary::plant_name(sets, c.plant),
+                c.winner + 1,
+                c.runner_up + 1,
+            ),
+        );
+    }
+}
+
+fn unstable(out: &mut String, sets: &EipSets, case: &Case) {
+    if case.unstable.is_empty() {
+        return;
+    }
+    out.push('\n');
+    line(
+        out,
+        &format!(
+            "The loop is unstable for {} of {}; they have no Upsilon and no winner.",
+            count(case.unstable.len(), "plant"),
+            case.winner.len(),
+        ),
+    );
+    if !case.unstable_intervals.is_empty() {
+        let name = &sets.grid.axes()[0].0;
+        let stretches: Vec<String> = case
+            .unstable_intervals
+            .iter()
+            .map(|s| format!("[{}, {}]", significant(s.from, 10), significant(s.to, 10)))
+            .collect();
+        line(out, &format!("Stretches of {name}: {}.", stretches.join(", ")));
+    }
+    let mut table = Table::default();
+    table.row(vec![right("plant"), left("at"), left("mode"), left("states")]);
+    for u in case.unstable.iter().take(LONG) {
+        table.row(vec![
+            right(&u.plant.to_string()),
+            left(&shorten(&summary::plant_name(sets, u.plant), 30)),
+            left(&u.mode.to_string()),
+            left(&shorten(&u.states, 20)),
+        ]);
+    }
+    table.print(out);
+    cut(out, case.unstable.len());
+}
+
+fn undecidable(out: &mut String, sets: &EipSets) {
+    if sets.cases.len() < 2 {
+        return;
+    }
+    if sets.grid.axes().len() > 1 {
+        let plants = sets.grid.len();
+        let n = (0..plants).filter(|&plant| summary::undecided(sets, plant)).count();
+        out.push('\n');
+        line(
+            out,
+            &format!(
+                "Undecidable: {} of {plants}; their winner depends on the delay.",
+                count(n, "plant"),
+            ),
+        );
+        return;
+    }
+    let name = &sets.grid.axes()[0].0;
+    out.push('\n');
+    if sets.undecidable.is_empty() {
+        line(
+            out,
+            &format!(
+                "Undecidable sets: none; the winner at every {name} is the same for all delays."
+            ),
+        );
+        return;
+    }
+    line(out, "Undecidable sets (the winner depends on the delay):");
+    let mut table = Table::default();
+    table.row(vec![right("set"), left(name), left("width"), left("models")]);
+    for (k, u) in sets.undecidable.iter().enumerate() {
+        let all: Vec<_> = sets.cases.iter().flat_map(|c| c.boundaries.iter().copied()).collect();
+        let end = |v| summary::end_point(v, &all);
+        let (from, to) = (u.interval.from, u.interval.to);
+        table.row(vec![
+            right(&(k + 1).to_string()),
+            left(&format!("[{}, {}]", end(from), end(to))),
+            left(&significant(to - from, 3)),
+            left(&numbers(&u.models, ", ")),
+        ]);
+    }
+    table.print(out);
+}
+
+fn bad_models(out: &mut String, sets: &EipSets) {
+    for (i, model) in sets.models.iter().enumerate() {
+        let name = summary::model_name(sets, i);
+        if let Some(failure) = &model.failure {
+            line(out, &format!("\nModel {} ({name}) is unusable: {failure}.", i + 1));
+        }
+        if let Some(first) = model.duplicate_of {
+            line(
+                out,
+                &format!(
+                    "\nModel {} ({name}) has the same observer as model {}, which wins their ties.",
+                    i + 1,
+                    first + 1,
+                ),
+            );
+        }
+    }
+}
+
+fn pseudo_norm(out: &mut String, sets: &EipSets) {
+    let n = sets.models.len();
+    if !(2..=7).contains(&n) || sets.pseudo_norm.len() != n * n {
+        return;
+    }
+    if sets.pseudo_norm.iter().all(|d| !d.is_finite()) {
+        return;
+    }
+    out.push('\n');
+    line(
+        out,
+        "Pseudo-norm |Upsilon_i - Upsilon_j|, the plant at the nominal values of model j (row):",
+    );
+    let mut table = Table::default();
+    let mut head = vec![right("j \\ i")];
+    head.extend((1..=n).map(|i| right(&i.to_string())));
+    table.row(head);
+    for (j, row) in sets.pseudo_norm.chunks(n).enumerate() {
+        let mut cells = vec![right(&(j + 1).to_string())];
+        cells.extend(row.iter().map(|d| right(&significant(*d, 4))));
+        table.row(cells);
+    }
+    table.print(out);
+}
+
+fn routes(out: &mut String, sets: &EipSets) {
+    let checked: usize = sets.cases.iter().map(|c| c.checked_pairs).sum();
+    let pairs: usize = sets.cases.iter().map(|c| c.upsilon.len()).sum();
+    let largest = sets.cases.iter().map(|c| c.route_difference).fold(0.0, f64::max);
+    let method = method_name(sets.method);
+    out.push('\n');
+    if checked == 0 {
+        line(
+            out,
+            &format!(
+                "Lyapunov route by {method}; no pair was computed a second way, so there is no error estimate."
+            ),
+        );
+    } else {
+        line(
+            out,
+            &format!(
+                "Lyapunov route ({method}) and frequency integral agree to {} (relative) over {checked} of {pairs} pairs.",
+                significant(largest, 2),
+            ),
+        );
+    }
+}
+
+/// `doubling` or `modal form`.
+pub(crate) fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Doubling => "doubling",
+        Method::Modal => "modal form",
+    }
+}
+
+fn cut(out: &mut String, total: usize) {
+    if total > LONG {
+        out.push_str(&format!("  ... and {} more\n", total - LONG));
+    }
+}
+
+/// `text` cut to `width` characters.
+fn shorten(text: &str, width: usize) -> String {
+    let clean: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if clean.chars().count() <= width {
+        return clean;
+    }
+    let mut short: String = clean.chars().take(width - 2).collect();
+    short.push_str("..");
+    short
+}
+
+/// One paragraph, broken between words.
+fn line(out: &mut String, text: &str) {
+    for paragraph in text.split('\n') {
+        let mut used = 0;
+        for word in paragraph.split(' ') {
+            let width = word.chars().count();
+            if used > 0 && used + 1 + width > WIDTH {
+                out.push('\n');
+                used = 0;
+            } else if used > 0 {
+                out.push(' ');
+                used += 1;
+            }
+            out.push_str(word);
+            used += width;
+        }
+        out.push('\n');
+    }
+}
+
+#[derive(Clone)]
+struct Cell {
+    text: String,
+    right: bool,
+}
+
+fn left(text: &str) -> Cell {
+    Cell { text: text.into(), right: false }
+}
+
+fn right(text: &str) -> Cell {
+    Cell { text: text.into(), right: true }
+}
+
+/// Columns aligned two spaces apart.
+#[derive(Default)]
+struct Table {
+    rows: Vec<Vec<Cell>>,
+}
+
+impl Table {
+    fn row(&mut self, row: Vec<Cell>) {
+        self.rows.push(row);
+    }
+
+    fn columns(&self) -> usize {
+        self.rows.iter().map(Vec::len).max().unwrap_or(0)
+    }
+
+    fn widths(&self) -> Vec<usize> {
+        let width = |k: usize| {
+            let cells = self.rows.iter().filter_map(|row| row.get(k));
+            cells.map(|c| c.text.chars().count()).max().unwrap_or(0)
+        };
+        (0..self.columns()).map(width).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.widths().iter().map(|w| w + 2).sum()
+    }
+
+    /// Keeps the first `columns` columns.
+    fn drop_last(&mut self, columns: usize) {
+        for row in &mut self.rows {
+            row.truncate(columns);
+        }
+    }
+
+    fn print(&self, out: &mut String) {
+        let widths = self.widths();
+        for row in &self.rows {
+            let mut text = String::new();
+            for (cell, &w) in row.iter().zip(&widths) {
+                text.push_str("  ");
+                // writing to a String cannot fail
+                let _ = if cell.right {
+                    write!(text, "{:>w$}", cell.text)
+                } else {
+                    write!(text, "{:<w$}", cell.text)
+                };
+            }
+            out.push_str(text.trim_end());
+            out.push('\n');
+        }
+    }
+}

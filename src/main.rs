@@ -1,5 +1,5 @@
-//! The command `mmae`.
+//! The command `mmae`; see [`mmae::cli`].
 
 fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+    mmae::cli::main()
 }

@@ -35,7 +35,7 @@ pub enum Error {
         path: PathBuf,
     },
     /// A result would be replaced.
-    #[error("{} exists: choose another directory, or pass --force to replace it", path.display())]
+    #[error("{} exists: choose another place, or pass --force to replace it", path.display())]
     Exists {
         /// The file in the way.
         path: PathBuf,
@@ -116,7 +116,7 @@ impl Output {
         let mut output = Self { dir: dir.into(), force, made, pending: Vec::new(), lock: None };
         output.lock = Some(Lock::acquire(dir)?);
         for name in names {
-            output.check_free(&dir.join(name))?;
+            check_free(&dir.join(name), force)?;
         }
         output.sweep();
         Ok(output)
@@ -138,7 +138,7 @@ impl Output {
     ) -> Result<(), Error> {
         let path = self.dir.join(name);
         let failed = |e| io_error("write", &path, e);
-        let file = self.temporary().map_err(failed)?;
+        let file = temporary(&self.dir).map_err(failed)?;
         let mut sink = Hashing { out: BufWriter::new(file), hash: Sha256::new(), bytes: 0 };
         fill(&mut sink).map_err(failed)?;
         sink.flush().map_err(failed)?;
@@ -162,7 +162,7 @@ impl Output {
     /// `Exists` if a file appeared in the meantime, `NotRegular`, `Io`.
     pub fn commit(mut self) -> Result<(), Error> {
         for (written, _) in &self.pending {
-            self.check_free(&self.dir.join(&written.name))?;
+            check_free(&self.dir.join(&written.name), self.force)?;
         }
         if self.force {
             // from here until the new manifest the directory is not complete
@@ -177,50 +177,20 @@ impl Output {
         let mut placed = Vec::new();
         for (written, file) in std::mem::take(&mut self.pending) {
             let path = self.dir.join(&written.name);
-            let moved =
-                if self.force { file.persist(&path) } else { file.persist_noclobber(&path) };
-            match moved {
-                Ok(_) => placed.push(path),
-                Err(e) => {
-                    if !self.force {
-                        // nothing of this run may stay alone
-                        for path in placed {
-                            let _ = fs::remove_file(path);
-                        }
+            if let Err(e) = place(file, &path, self.force) {
+                if !self.force {
+                    // nothing of this run may stay alone
+                    for path in placed {
+                        let _ = fs::remove_file(path);
                     }
-                    if e.error.kind() == io::ErrorKind::AlreadyExists {
-                        return Err(Error::Exists { path });
-                    }
-                    return Err(io_error("write", &path, e.error));
                 }
+                return Err(e);
             }
+            placed.push(path);
         }
         sync_dir(&self.dir)?;
         self.made.clear();
         Ok(())
-    }
-
-    /// Fails if `path` exists and may not be replaced.
-    fn check_free(&self, path: &Path) -> Result<(), Error> {
-        match path.symlink_metadata() {
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
-            Err(e) => Err(io_error("look at", path, e)),
-            Ok(meta) if !meta.is_file() => Err(Error::NotRegular { path: path.into() }),
-            Ok(_) if self.force => Ok(()),
-            Ok(_) => Err(Error::Exists { path: path.into() }),
-        }
-    }
-
-    fn temporary(&self) -> io::Result<NamedTempFile> {
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(TEMPORARY).suffix(".tmp");
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            // results are for sharing: the umask decides, as for any file
-            builder.permissions(fs::Permissions::from_mode(0o666));
-        }
-        builder.tempfile_in(&self.dir)
     }
 
     /// Removes temporary files of a process that was killed; the lock says
@@ -245,6 +215,64 @@ impl Drop for Output {
             let _ = fs::remove_dir(dir);
         }
     }
+}
+
+/// Fails if `path` exists and may not be replaced.
+fn check_free(path: &Path, force: bool) -> Result<(), Error> {
+    match path.symlink_metadata() {
+        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(()),
+        Err(e) => Err(io_error("look at", path, e)),
+        Ok(meta) if !meta.is_file() => Err(Error::NotRegular { path: path.into() }),
+        Ok(_) if force => Ok(()),
+        Ok(_) => Err(Error::Exists { path: path.into() }),
+    }
+}
+
+/// A temporary file in `dir`, which disappears unless it is placed.
+fn temporary(dir: &Path) -> io::Result<NamedTempFile> {
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(TEMPORARY).suffix(".tmp");
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        // results are for sharing: the umask decides, as for any file
+        builder.permissions(fs::Permissions::from_mode(0o666));
+    }
+    builder.tempfile_in(dir)
+}
+
+/// Renames a temporary file; without `force` never over another file.
+fn place(file: NamedTempFile, path: &Path, force: bool) -> Result<(), Error> {
+    let moved = if force { file.persist(path) } else { file.persist_noclobber(path) };
+    match moved {
+        Ok(_) => Ok(()),
+        Err(e) if e.error.kind() == io::ErrorKind::AlreadyExists => {
+            Err(Error::Exists { path: path.into() })
+        }
+        Err(e) => Err(io_error("write", path, e.error)),
+    }
+}
+
+/// Writes one file, whole or not at all, outside a result directory.
+///
+/// # Errors
+/// `Name`, `Exists` (unless `force`), `NotRegular`, `Io`.
+pub fn file(path: &Path, content: &[u8], force: bool) -> Result<(), Error> {
+    let text = path.as_os_str().to_string_lossy();
+    if text.is_empty() || text.chars().any(char::is_control) {
+        return Err(Error::Name { path: path.into() });
+    }
+    check_free(path, force)?;
+    let dir = match path.parent() {
+        Some(dir) if !dir.as_os_str().is_empty() => dir,
+        _ => Path::new("."),
+    };
+    let failed = |e| io_error("write", path, e);
+    let mut file = temporary(dir).map_err(failed)?;
+    file.write_all(content).map_err(failed)?;
+    file.as_file().sync_all().map_err(failed)?;
+    place(file, path, force)?;
+    sync_dir(dir)
 }
 
 /// Makes `dir` and its parents; returns those that were missing, outermost first.

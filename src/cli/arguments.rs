@@ -1,0 +1,104 @@
+//! What the command line may say.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0    done (a partial result is told on the standard error)
+  2    wrong usage
+  3    the scenario is wrong: file:line:column, key and remedy
+  4    numerical failure: no plant has a winner
+  6    a file cannot be read or written
+  7    over a limit of size or memory; nothing was allocated
+  130  interrupted (SIGINT), 143 terminated (SIGTERM): nothing was written";
+
+/// Multiple-model adaptive estimation: equivalently-identified-plant sets.
+#[derive(Debug, Parser)]
+#[command(name = "mmae", version, after_help = EXIT_CODES, max_term_width = 80)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    pub(super) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Compute the EIP sets of a scenario: which model each plant is identified as
+    Eip(EipArguments),
+    /// Validate a scenario, print its sizes and a cost estimate
+    Check(CheckArguments),
+    /// Write a commented scenario to start from
+    New(NewArguments),
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct EipArguments {
+    /// The scenario
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// Also write eip.json, upsilon.parquet, eip.svg and manifest.json there
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Print JSON in place of the tables
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Threads, 0 for one per CPU; results do not depend on it
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u16).range(0..=1024)
+    )]
+    pub(super) threads: u16,
+    /// Replace an earlier result in DIR
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct CheckArguments {
+    /// The scenario
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// Print JSON, diagnostics included
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct NewArguments {
+    /// Which one
+    #[arg(value_enum, default_value_t = Kind::Pendulum)]
+    pub(super) kind: Kind,
+    /// Write to FILE in place of the standard output
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
+    /// Replace FILE if it exists
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Kind {
+    /// Cart and pendulum of unknown length with its controller
+    Pendulum,
+    /// Oscillator of unknown natural frequency
+    Oscillator,
+    /// Every key, commented
+    Blank,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Arguments;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_definition_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+}

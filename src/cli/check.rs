@@ -1,0 +1,207 @@
+//! `mmae check`: what a scenario says and what a run would take.
+
+use std::io::{self, Write};
+
+use super::arguments::CheckArguments;
+use super::failure::{Failure, say};
+use super::output;
+use crate::Error;
+use crate::eip::{Cost, Study};
+use crate::model::Time;
+use crate::report::{json, plain, significant, summary, text};
+use crate::scenario::{self, Diagnostic, Scenario};
+
+/// Floating-point operations a second and core that the kernels reach on
+/// problems of this size, roughly; for the estimate of the time only.
+const RATE: f64 = 5e9;
+
+pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
+    let checked = Scenario::from_file(&args.file);
+    if let Ok(scenario) = &checked {
+        for warning in scenario.warnings() {
+            say("warning", &warning.to_string());
+        }
+    }
+    let name = args.file.display().to_string();
+    let result = checked.and_then(|scenario| {
+        let study = scenario.study()?;
+        let cost = study.cost().map_err(|e| scenario.explain(e))?;
+        if cost.bytes > study.memory_limit {
+            return Err(scenario.explain(over(&study, &cost)));
+        }
+        if args.json {
+            let warnings = scenario.warnings();
+            let report = Report::new(&name, &study, &cost, warnings);
+            return Ok(output::print(None, |out| print_json(out, &report)));
+        }
+        let title = scenario.title();
+        Ok(output::print(None, |out| print_text(out, &name, title, &study, &cost)))
+    });
+    match result {
+        Ok(printed) => printed,
+        Err(e) => {
+            if args.json {
+                let report = Report::refused(&name, &e);
+                output::print(None, |out| print_json(out, &report))?;
+            }
+            Err(e.into())
+        }
+    }
+}
+
+/// The error that the run would end with.
+fn over(study: &Study<'_>, cost: &Cost) -> Error {
+    Error::Limit {
+        what: "the study".into(),
+        bytes: cost.bytes,
+        limit: study.memory_limit,
+        key: "eip.memory_limit",
+    }
+}
+
+fn print_text(
+    out: &mut dyn Write,
+    name: &str,
+    title: Option<&str>,
+    study: &Study<'_>,
+    cost: &Cost,
+) -> io::Result<()> {
+    let names = study.family.names();
+    let mut row = |key: &str, value: &str| {
+        if value.is_empty() { Ok(()) } else { writeln!(out, "  {key:<13} {value}") }
+    };
+    row("scenario", &format!("{name} is valid"))?;
+    row("title", title.unwrap_or(""))?;
+    let time = match study.family.time() {
+        Time::Continuous => "continuous".into(),
+        Time::Discrete { dt } => format!("discrete, dt = {} s", plain(dt)),
+    };
+    row("time", &time)?;
+    for (key, list) in [
+        ("states", &names.states),
+        ("inputs", &names.inputs),
+        ("disturbances", &names.disturbances),
+        ("outputs", &names.outputs),
+    ] {
+        row(key, &list.join(", "))?;
+    }
+    for (axis_name, axis) in study.grid.axes() {
+        let (from, to) = summary::ends(axis);
+        let values = summary::count(axis.len(), "value");
+        row("grid", &format!("{axis_name} in [{}, {}], {values}", plain(from), plain(to)))?;
+    }
+    row("measure", &summary::convention(study.convention))?;
+    row("plants", &cost.plants.to_string())?;
+    row("models", &cost.models.to_string())?;
+    let delays: Vec<String> = study.delays.iter().map(|d| summary::delay(*d)).collect();
+    row("delays", &delays.join(", "))?;
+    row(
+        "order",
+        &format!("{} (plants in their loop), {} (observers)", cost.order, cost.model_order),
+    )?;
+    row("method", text::method_name(cost.method))?;
+    row("memory", &format!("{} of at most {}", bytes(cost.bytes), bytes(study.memory_limit)))?;
+    let seconds = cost.flops / RATE;
+    let seconds = if seconds < 1e-3 {
+        "under a millisecond".into()
+    } else {
+        format!("about {} s", significant(seconds, 1))
+    };
+    row("work", &format!("{} operations, {seconds} on one core", significant(cost.flops, 2)))
+}
+
+/// `1.2 MB`.
+fn bytes(n: u128) -> String {
+    let n = n as f64;
+    for (unit, name) in [(1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")] {
+        if n >= unit {
+            return format!("{} {name}", significant(n / unit, 3));
+        }
+    }
+    format!("{n} bytes")
+}
+
+#[derive(serde::Serialize)]
+struct Report<'a> {
+    schema: &'static str,
+    file: &'a str,
+    valid: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    size: Option<Size>,
+    warnings: Vec<Place<'a>>,
+    errors: Vec<Place<'a>>,
+}
+
+#[derive(serde::Serialize)]
+struct Size {
+    plants: usize,
+    models: usize,
+    delays: usize,
+    order: usize,
+    model_order: usize,
+    method: &'static str,
+    flops: f64,
+    bytes: u64,
+    memory_limit: u64,
+}
+
+#[derive(serde::Serialize)]
+struct Place<'a> {
+    line: Option<usize>,
+    column: Option<usize>,
+    key: &'a str,
+    message: String,
+    remedy: &'a str,
+}
+
+impl<'a> Place<'a> {
+    fn new(d: &'a Diagnostic) -> Self {
+        Self {
+            line: Some(d.line),
+            column: Some(d.column),
+            key: &d.key,
+            message: d.message.clone(),
+            remedy: &d.remedy,
+        }
+    }
+}
+
+impl<'a> Report<'a> {
+    fn new(file: &'a str, study: &Study<'_>, cost: &Cost, warnings: &'a [Diagnostic]) -> Self {
+        let narrow = |n: u128| u64::try_from(n).unwrap_or(u64::MAX);
+        let size = Size {
+            plants: cost.plants,
+            models: cost.models,
+            delays: cost.delays,
+            order: cost.order,
+            model_order: cost.model_order,
+            method: json::method(cost.method),
+            flops: cost.flops,
+            bytes: narrow(cost.bytes),
+            memory_limit: narrow(study.memory_limit),
+        };
+        let warnings = warnings.iter().map(Place::new).collect();
+        Self {
+            schema: "mmae.check/1",
+            file,
+            valid: true,
+            size: Some(size),
+            warnings,
+            errors: vec![],
+        }
+    }
+
+    fn refused(file: &'a str, error: &'a scenario::Error) -> Self {
+        let mut errors: Vec<Place<'_>> = error.diagnostics().iter().map(Place::new).collect();
+        if errors.is_empty() {
+            let message = error.to_string();
+            errors.push(Place { line: None, column: None, key: "", message, remedy: "" });
+        }
+        Self { schema: "mmae.check/1", file, valid: false, size: None, warnings: vec![], errors }
+    }
+}
+
+fn print_json(out: &mut dyn Write, report: &Report<'_>) -> io::Result<()> {
+    serde_json::to_writer_pretty(&mut *out, report)?;
+    out.write_all(b"\n")
+}

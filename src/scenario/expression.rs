@@ -397,3 +397,6 @@ impl<'a> Speller<'a> {
         Err(Fault { at, message, remedy, unknown })
     }
 }
+
+#[cfg(test)]
+mod tests;

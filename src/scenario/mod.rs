@@ -194,12 +194,11 @@ fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenario> {
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
     let mut settings = maybe(settings)?;
-    if let (Some(delay), Some(settings)) = (actuator.delay, &mut settings) {
+    if let (Some((delay, at)), Some(settings)) = (actuator.delay, &mut settings) {
         if !settings.delays.is_empty() {
-            let value = table.get("actuator")?;
             let remedy = "keep eip.delays for a family, actuator.delay for one";
             let message = "both actuator.delay and eip.delays are given";
-            return reader.error(value.span().start, "actuator.delay", message, remedy);
+            return reader.error(at, "actuator.delay", message, remedy);
         }
         settings.delays = vec![delay];
     }

@@ -82,6 +82,6 @@ impl MakeOperators<f64> for Operators {
 }
 
 /// `a^b`; a square is the product, exact to the last bit.
-fn power(a: f64, b: f64) -> f64 {
+pub(super) fn power(a: f64, b: f64) -> f64 {
     if b == 2.0 { a * a } else { libm::pow(a, b) }
 }

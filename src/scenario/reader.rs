@@ -269,6 +269,7 @@ pub(super) struct Table<'r, 'a> {
     /// Where it is declared.
     pub(super) at: usize,
     map: &'r DeTable<'a>,
+    known: &'static [&'static str],
 }
 
 impl<'r, 'a> Table<'r, 'a> {
@@ -278,13 +279,16 @@ impl<'r, 'a> Table<'r, 'a> {
         path: &'r str,
         at: usize,
         map: &'r DeTable<'a>,
-        known: &[&str],
+        known: &'static [&'static str],
     ) -> Self {
-        let table = Self { reader, path, at, map };
-        for key in map.keys().filter(|k| !known.contains(&k.get_ref().as_ref())) {
-            table.unknown(key, known);
-        }
+        let table = Self { reader, path, at, map, known };
+        table.strangers().take(MOST).for_each(|key| table.unknown(key));
         table
+    }
+
+    /// The keys that are not known.
+    fn strangers(&self) -> impl Iterator<Item = &'r Spanned<DeString<'a>>> {
+        self.map.keys().filter(|k| !self.known.contains(&k.get_ref().as_ref()))
     }
 
     /// A table whose keys are names that the caller checks.
@@ -298,10 +302,11 @@ impl<'r, 'a> Table<'r, 'a> {
             let message = format!("{} keys, over the limit of {NAMES}", map.len());
             return reader.error(at, path, message, "build such a family in code");
         }
-        Some(Self { reader, path, at, map })
+        Some(Self { reader, path, at, map, known: &[] })
     }
 
-    fn unknown(&self, key: &Spanned<DeString<'a>>, known: &[&str]) {
+    fn unknown(&self, key: &Spanned<DeString<'a>>) {
+        let known = self.known;
         let word = clip(key.get_ref());
         let place = if self.path.is_empty() { "the top" } else { self.path };
         let mut remedy = suggest::remedy(&word, known, "the keys here are");
@@ -330,9 +335,15 @@ impl<'r, 'a> Table<'r, 'a> {
         self.get(key).map_or(self.at, |v| v.span().start)
     }
 
-    /// The value of `key`; reported when there is none.
+    /// The value of `key`; reported when there is none, unless a key that was
+    /// reported as unknown looks like it.
     pub(super) fn need(&self, key: &str, remedy: &str) -> Option<&'r Value<'a>> {
-        self.get(key).or_else(|| self.error(key, "missing", remedy))
+        let meant = |k: &Spanned<DeString<'a>>| suggest::nearest(k.get_ref(), &[key]).is_some();
+        match self.get(key) {
+            None if self.strangers().take(MOST).any(meant) => None,
+            None => self.error(key, "missing", remedy),
+            value => value,
+        }
     }
 
     /// An error at the value of `key`.

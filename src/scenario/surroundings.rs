@@ -11,8 +11,8 @@ use crate::model::{Controller, Names, Shaping};
 /// The actuator of a scenario.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Actuator {
-    /// Delay in seconds, if given.
-    pub(super) delay: Option<f64>,
+    /// Delay in seconds and where it is given, if it is.
+    pub(super) delay: Option<(f64, usize)>,
     /// Pade order, 0 for the default.
     pub(super) pade: usize,
 }
@@ -25,7 +25,7 @@ fn table<'r, 'a>(
     reader: &'r Reader<'a>,
     path: &'r str,
     value: &'r Value<'a>,
-    known: &[&str],
+    known: &'static [&'static str],
 ) -> Option<Table<'r, 'a>> {
     match value.get_ref() {
         DeValue::Table(map) => Some(Table::new(reader, path, value.span().start, map, known)),
@@ -126,7 +126,7 @@ pub(super) fn controller<'a>(
 pub(super) fn actuator<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<Actuator> {
     let table = table(reader, "actuator", value, keys::ACTUATOR)?;
     let delay = match table.get("delay") {
-        Some(value) => Some(delay(reader, "actuator.delay", value)?),
+        Some(value) => Some((delay(reader, "actuator.delay", value)?, value.span().start)),
         None => None,
     };
     let pade = match table.get("pade") {

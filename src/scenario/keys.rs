@@ -5,7 +5,6 @@ pub(super) const TOP: &[&str] =
     &["format", "title", "plant", "disturbance", "input", "controller", "actuator", "bank", "eip"];
 /// `[plant]`.
 pub(super) const PLANT: &[&str] = &[
-    "family",
     "time",
     "dt",
     "states",

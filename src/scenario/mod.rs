@@ -11,7 +11,9 @@
 //! ```
 //!
 //! Whatever is wrong with a file is an [`Error`] whose diagnostics name file,
-//! line, column, key and remedy; nothing in a file is ignored.
+//! line, column, key and remedy. The language follows.
+//!
+#![doc = include_str!("../guide/scenario.md")]
 
 mod bank;
 mod diagnostic;
@@ -31,6 +33,7 @@ mod surroundings;
 mod template;
 
 use std::path::Path;
+use std::sync::Arc;
 
 use toml::de::{DeTable, DeValue};
 
@@ -51,7 +54,7 @@ pub const FORMAT: u64 = 1;
 /// A scenario, read and checked.
 pub struct Scenario {
     title: Option<String>,
-    family: ExpressionFamily,
+    family: Arc<ExpressionFamily>,
     surroundings: Surroundings,
     bank: Option<Bank>,
     settings: Option<Settings>,
@@ -135,7 +138,7 @@ impl Scenario {
             .as_ref()
             .ok_or_else(|| missing("eip", "add [eip] with grid, the plants of the study"))?;
         Ok(Study {
-            family: &self.family,
+            family: &*self.family,
             surroundings: self.surroundings.clone(),
             bank: bank.clone(),
             grid: settings.grid.clone(),
@@ -214,7 +217,7 @@ fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenario> {
         settings,
         warnings: Vec::new(),
         places: Places { entries, ..places(reader, root) },
-        family,
+        family: Arc::new(family),
     };
     check(reader, &scenario);
     Some(scenario)
@@ -286,4 +289,33 @@ fn places(reader: &Reader<'_>, root: &DeTable<'_>) -> Places {
     let mut places = Places { file: reader.source.name.into(), ..Places::default() };
     walk(reader, "", root, &mut places);
     places
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{keys, operators};
+
+    #[test]
+    fn the_guide_names_every_key_function_and_constant() {
+        let guide = include_str!("../guide/scenario.md");
+        let tables = [
+            keys::TOP,
+            keys::PLANT,
+            keys::FILTER,
+            keys::CONTROLLER,
+            keys::ACTUATOR,
+            keys::BANK,
+            keys::EIP,
+        ];
+        let functions = operators::FUNCTIONS.iter().map(|f| f.name);
+        let constants = operators::CONSTANTS.iter().map(|(name, _)| *name);
+        for word in tables.concat().into_iter().chain(functions).chain(constants) {
+            let shown =
+                ["`{}`", "`[{}]`", "`{}("].iter().any(|f| guide.contains(&f.replace("{}", word)));
+            assert!(shown, "{word} is missing from the guide");
+        }
+        for word in keys::RANGE {
+            assert!(guide.contains(&format!("{word} = ")), "{word} is missing from the guide");
+        }
+    }
 }

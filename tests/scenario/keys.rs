@@ -69,6 +69,16 @@ fn the_examples_parse_without_warnings() -> Outcome {
 }
 
 #[test]
+fn the_scenario_of_the_guide_parses() -> Outcome {
+    let guide = include_str!("../../src/guide/scenario.md");
+    let text = guide.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next());
+    let scenario = Scenario::parse("guide.toml", text.ok_or("no scenario in the guide")?)?;
+    assert_eq!(scenario.warnings(), []);
+    assert_eq!(scenario.study()?.grid.len(), 91);
+    Ok(())
+}
+
+#[test]
 fn the_templates_parse() -> Outcome {
     for kind in [Template::Pendulum, Template::Oscillator, Template::Blank] {
         let scenario = Scenario::parse("new.toml", template(kind))?;

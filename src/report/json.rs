@@ -23,7 +23,7 @@ pub fn write(sets: &EipSets, out: impl Write) -> io::Result<()> {
     out.write_all(b"\n")
 }
 
-/// The study as a JSON text, as [`write`] writes it.
+/// The study as a JSON text, as [`write()`] writes it.
 pub fn to_string(sets: &EipSets) -> String {
     let mut bytes = Vec::new();
     // writing to memory does not fail, and JSON is UTF-8

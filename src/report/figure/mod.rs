@@ -31,7 +31,7 @@ pub fn write(sets: &EipSets, mut out: impl Write) -> io::Result<()> {
     out.write_all(b"\n")
 }
 
-/// The picture as text, as [`write`] writes it.
+/// The picture as text, as [`write()`] writes it.
 pub fn to_string(sets: &EipSets) -> String {
     let mut bytes = Vec::new();
     // writing to memory does not fail, and SVG text is UTF-8

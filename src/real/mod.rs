@@ -95,10 +95,8 @@ pub trait Real:
     const TIER: Tier;
     /// Numbers held: 1 or [`crate::simd::LANES`].
     const LANES: usize;
-    /// Rows of the register tile of a matrix product.
-    const TILE_ROWS: usize;
-    /// Columns of the register tile of a matrix product.
-    const TILE_COLS: usize;
+    /// Rows and columns of the register tile of a matrix product: 4, 2 or 1.
+    const TILE: usize;
 
     /// The same number in every lane.
     fn splat(x: f64) -> Self;

@@ -33,8 +33,7 @@ impl Real for f64 {
     type Mask = bool;
     const TIER: Tier = Tier::Scalar;
     const LANES: usize = 1;
-    const TILE_ROWS: usize = 4;
-    const TILE_COLS: usize = 4;
+    const TILE: usize = 2;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

@@ -145,8 +145,7 @@ impl Real for Pair256 {
     const LANES: usize = LANES;
     // Four sums of two registers each, two entries of one factor and one of the
     // other: 14 of 16.
-    const TILE_ROWS: usize = 2;
-    const TILE_COLS: usize = 2;
+    const TILE: usize = 2;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

@@ -121,8 +121,7 @@ impl Real for Lane512 {
     const TIER: Tier = Tier::Avx512;
     const LANES: usize = LANES;
     // 16 sums, four entries of one factor and one of the other: 21 of 32.
-    const TILE_ROWS: usize = 4;
-    const TILE_COLS: usize = 4;
+    const TILE: usize = 4;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

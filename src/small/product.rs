@@ -1,0 +1,251 @@
+//! Products of small matrices, register-tiled.
+//!
+//! Every entry of a product is one chain of fused multiply-adds in the order of
+//! the inner index, so its bits do not depend on the tile, on `Const` or `Dyn`,
+//! or on whether half of a symmetric result is mirrored.
+
+use super::dim::{Dim, Dyn, unrolls};
+use super::tile::{self, Rows, accumulate, chain};
+use crate::real::{LaneKernel, Real};
+
+/// Sizes up to which a product is unrolled where it is called.
+const UNROLL: usize = 4;
+/// Sizes up to which a fixed-size product is compiled, once a size.
+const FIXED: usize = 6;
+
+/// What happens to the old entries of the result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Onto {
+    /// `C = A B`.
+    Set,
+    /// `C = C + A B`.
+    Add,
+    /// `C = C - A B`.
+    Sub,
+}
+
+/// `C <- op(A) op(B)`: `C` m x n; `A` m x k, or k x m when `TA`; `B` k x n, or
+/// n x k when `TB`. When `HALF` the result is symmetric: only the tiles that hold
+/// entries `j >= i` are computed, the rest is mirrored.
+struct Product<'a, T, M, K, N, const TA: bool, const TB: bool, const HALF: bool> {
+    m: M,
+    k: K,
+    n: N,
+    a: &'a [T],
+    b: &'a [T],
+    c: &'a mut [T],
+    onto: Onto,
+}
+
+impl<'a, T, M, K, N, const TA: bool, const TB: bool, const HALF: bool>
+    Product<'a, T, M, K, N, TA, TB, HALF>
+where
+    T: Real,
+    M: Dim,
+    K: Dim,
+    N: Dim,
+{
+    /// Runs in place if fixed and tiny, else through a copy compiled once.
+    #[inline(always)]
+    #[track_caller]
+    fn go(self) {
+        let (m, k, n) = (self.m.get(), self.k.get(), self.n.get());
+        assert!(
+            self.a.len() == m * k && self.b.len() == k * n && self.c.len() == m * n,
+            "product: slices do not fit {m}x{k} times {k}x{n}"
+        );
+        if unrolls::<M, K, N>(UNROLL) {
+            self.run();
+        } else if unrolls::<M, K, N>(FIXED) {
+            T::outline(self);
+        } else {
+            let Product { a, b, c, onto, .. } = self;
+            let (m, k, n) = (Dyn(m), Dyn(k), Dyn(n));
+            T::outline(Product::<T, Dyn, Dyn, Dyn, TA, TB, HALF> { m, k, n, a, b, c, onto });
+        }
+    }
+
+    /// All rows, `R` at a time.
+    #[inline(always)]
+    fn rows<const R: usize, const C: usize>(&mut self) {
+        let m = self.m.get();
+        let full = m / R * R;
+        for i in (0..full).step_by(R) {
+            self.columns::<R, C>(i);
+        }
+        match m - full {
+            3 => self.columns::<3, C>(full),
+            2 => self.columns::<2, C>(full),
+            1 => self.columns::<1, C>(full),
+            _ => {}
+        }
+    }
+
+    /// All columns of rows `i..i + R`, `C` at a time.
+    #[inline(always)]
+    fn columns<const R: usize, const C: usize>(&mut self, i: usize) {
+        let n = self.n.get();
+        let full = n / C * C;
+        let first = if HALF { i / C * C } else { 0 };
+        for j in (first..full).step_by(C) {
+            self.tile::<R, C>(i, j);
+        }
+        match n - full {
+            3 => self.tile::<R, 3>(i, full),
+            2 => self.tile::<R, 2>(i, full),
+            1 => self.tile::<R, 1>(i, full),
+            _ => {}
+        }
+    }
+
+    /// Entries `i..i + R`, `j..j + C` of the result, held in registers:
+    ///
+    /// ```text
+    /// for p in 0..k: sum[r][s] += A[i + r][p] B[p][j + s]
+    /// ```
+    #[inline(always)]
+    fn tile<const R: usize, const C: usize>(&mut self, i: usize, j: usize) {
+        let n = self.n.get();
+        let mut sum = [[T::zero(); C]; R];
+        if self.onto != Onto::Set {
+            for r in 0..R {
+                let row = &self.c[(i + r) * n + j..][..C];
+                for s in 0..C {
+                    // C - A B = -(-C + A B): one loop serves both signs.
+                    sum[r][s] = if self.onto == Onto::Sub { -row[s] } else { row[s] };
+                }
+            }
+        }
+        let a = Rows { data: self.a, stride: if TA { self.m.get() } else { self.k.get() } };
+        let b = Rows { data: self.b, stride: if TB { self.k.get() } else { n } };
+        let inner = (0, self.k.get());
+        accumulate::<T, R, C, TA, TB, { chain::ADD }>(a, b, (i, j), inner, &mut sum);
+        if self.onto == Onto::Sub {
+            for r in 0..R {
+                for s in 0..C {
+                    sum[r][s] = -sum[r][s];
+                }
+            }
+        }
+        if HALF && i == j {
+            for r in 0..R.min(C) {
+                for s in 0..r {
+                    sum[r][s] = sum[s][r];
+                }
+            }
+        }
+        tile::store(&sum, self.c, n, (i, j));
+        if HALF && i != j {
+            for s in 0..C {
+                let mut column = [T::zero(); R];
+                for r in 0..R {
+                    column[r] = sum[r][s];
+                }
+                self.c[(j + s) * n + i..][..R].copy_from_slice(&column);
+            }
+        }
+    }
+}
+
+impl<T: Real, M: Dim, K: Dim, N: Dim, const TA: bool, const TB: bool, const HALF: bool>
+    LaneKernel<T> for Product<'_, T, M, K, N, TA, TB, HALF>
+{
+    type Out = ();
+    #[inline(always)]
+    fn run(mut self) {
+        match T::TILE {
+            4 => self.rows::<4, 4>(),
+            2 => self.rows::<2, 2>(),
+            _ => self.rows::<1, 1>(),
+        }
+    }
+}
+
+/// The functions for one placement of the transpose.
+macro_rules! products {
+    ($ta:literal, $tb:literal, $($name:ident $onto:ident $doc:literal;)*) => {$(
+        #[doc = $doc]
+        ///
+        /// Panics unless the slices have the sizes in the equation.
+        #[inline(always)]
+        #[track_caller]
+        pub fn $name<T: Real, M: Dim, K: Dim, N: Dim>(
+            m: M, k: K, n: N, a: &[T], b: &[T], c: &mut [T],
+        ) {
+            Product::<T, M, K, N, $ta, $tb, false> { m, k, n, a, b, c, onto: Onto::$onto }.go();
+        }
+    )*};
+}
+
+/// The functions whose result is known to be symmetric.
+macro_rules! symmetric {
+    ($ta:literal, $tb:literal, $($name:ident $onto:ident $doc:literal;)*) => {$(
+        #[doc = $doc]
+        ///
+        /// The product must be symmetric in exact arithmetic: only the entries
+        /// `j >= i` are computed (and read), the others are their mirror image.
+        /// Panics unless the slices have the sizes in the equation.
+        #[inline(always)]
+        #[track_caller]
+        pub fn $name<T: Real, M: Dim, K: Dim>(m: M, k: K, a: &[T], b: &[T], c: &mut [T]) {
+            Product::<T, M, K, M, $ta, $tb, true> {
+                m, k, n: m, a, b, c, onto: Onto::$onto,
+            }
+            .go();
+        }
+    )*};
+}
+
+products! { false, false,
+    mul Set "`C = A B`, `A` m x k, `B` k x n.";
+    mul_add Add "`C += A B`, `A` m x k, `B` k x n.";
+    mul_sub Sub "`C -= A B`, `A` m x k, `B` k x n.";
+}
+products! { false, true,
+    mul_nt Set "`C = A B'`, `A` m x k, `B` n x k.";
+    mul_add_nt Add "`C += A B'`, `A` m x k, `B` n x k.";
+    mul_sub_nt Sub "`C -= A B'`, `A` m x k, `B` n x k.";
+}
+products! { true, false,
+    mul_tn Set "`C = A' B`, `A` k x m, `B` k x n.";
+    mul_add_tn Add "`C += A' B`, `A` k x m, `B` k x n.";
+    mul_sub_tn Sub "`C -= A' B`, `A` k x m, `B` k x n.";
+}
+symmetric! { false, false,
+    sym_mul Set "`C = A B`, `A` m x k, `B` k x m, `C` symmetric m x m.";
+    sym_mul_add Add "`C += A B`, `A` m x k, `B` k x m, `C` symmetric m x m.";
+    sym_mul_sub Sub "`C -= A B`, `A` m x k, `B` k x m, `C` symmetric m x m.";
+}
+symmetric! { false, true,
+    sym_mul_nt Set "`C = A B'`, `A` and `B` m x k, `C` symmetric m x m.";
+    sym_mul_add_nt Add "`C += A B'`, `A` and `B` m x k, `C` symmetric m x m.";
+    sym_mul_sub_nt Sub "`C -= A B'`, `A` and `B` m x k, `C` symmetric m x m.";
+}
+symmetric! { true, false,
+    sym_mul_tn Set "`C = A' B`, `A` and `B` k x m, `C` symmetric m x m.";
+    sym_mul_add_tn Add "`C += A' B`, `A` and `B` k x m, `C` symmetric m x m.";
+    sym_mul_sub_tn Sub "`C -= A' B`, `A` and `B` k x m, `C` symmetric m x m.";
+}
+
+/// Congruence update of a symmetric matrix, exactly symmetric:
+///
+/// ```text
+/// C = Q + A P A'        A m x k, P k x k, Q and C m x m
+/// ```
+/// `P` and `Q` are read as symmetric; `work` holds `m * k` numbers, of any value.
+/// Panics unless the slices have these sizes.
+#[inline(always)]
+#[track_caller]
+pub fn sym_update<T: Real, M: Dim, K: Dim>(
+    m: M,
+    k: K,
+    a: &[T],
+    p: &[T],
+    q: &[T],
+    c: &mut [T],
+    work: &mut [T],
+) {
+    c.copy_from_slice(q);
+    mul(m, k, k, a, p, work);
+    sym_mul_add_nt(m, k, work, a, c);
+}

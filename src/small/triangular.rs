@@ -1,0 +1,191 @@
+//! Triangular systems with many right-hand sides, register-tiled.
+
+use super::dim::{Dim, Dyn, unrolls};
+use super::tile::{self, Rows, accumulate, chain};
+use crate::real::{LaneKernel, Real};
+
+/// Orders up to which a solve is unrolled at the call.
+const UNROLL: usize = 4;
+
+/// Which triangle, and which way it is solved.
+mod kind {
+    /// `L X = B`, ones on the diagonal.
+    pub(super) const LOWER_UNIT: u8 = 0;
+    /// `L X = B`.
+    pub(super) const LOWER: u8 = 1;
+    /// `U X = B`.
+    pub(super) const UPPER: u8 = 2;
+    /// `L' X = B`.
+    pub(super) const LOWER_T: u8 = 3;
+}
+
+/// `X <- op(T)^-1 X`, `T` n x n, `X` n x r.
+///
+/// ```text
+/// LOWER:           x_i = (x_i - sum_{p = 0 .. i-1} t_ip x_p) / t_ii    i rising
+/// UPPER, LOWER_T:  x_i = (x_i - sum_{p = n-1 .. i+1} t_ip x_p) / t_ii  i falling
+/// ```
+/// Sums run in the order written, whatever the tile. The division is a product
+/// with the reciprocal.
+struct Triangular<'a, T, N, C, const KIND: u8> {
+    n: N,
+    r: C,
+    t: &'a [T],
+    x: &'a mut [T],
+}
+
+impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
+    const FALLING: bool = KIND == kind::UPPER || KIND == kind::LOWER_T;
+
+    #[inline(always)]
+    #[track_caller]
+    fn go(self) {
+        let (n, r) = (self.n.get(), self.r.get());
+        assert!(
+            self.t.len() == n * n && self.x.len() == n * r,
+            "triangular solve: slices do not fit {n}x{n} and {n}x{r}"
+        );
+        if unrolls::<N, C, N>(UNROLL) {
+            self.run();
+        } else {
+            let Triangular { t, x, .. } = self;
+            T::outline(Triangular::<T, Dyn, Dyn, KIND> { n: Dyn(n), r: Dyn(r), t, x });
+        }
+    }
+
+    /// Entry `(i, p)` of `op(T)`.
+    #[inline(always)]
+    fn entry(&self, i: usize, p: usize) -> T {
+        let n = self.n.get();
+        self.t[if KIND == kind::LOWER_T { p * n + i } else { i * n + p }]
+    }
+
+    /// All rows, `R` at a time, in the order that the triangle asks for.
+    #[inline(always)]
+    fn rows<const R: usize, const W: usize>(&mut self) {
+        let full = self.n.get() / R * R;
+        if !Self::FALLING {
+            for i in (0..full).step_by(R) {
+                self.columns::<R, W>(i);
+            }
+        }
+        match self.n.get() - full {
+            3 => self.columns::<3, W>(full),
+            2 => self.columns::<2, W>(full),
+            1 => self.columns::<1, W>(full),
+            _ => {}
+        }
+        if Self::FALLING {
+            for i in (0..full).step_by(R).rev() {
+                self.columns::<R, W>(i);
+            }
+        }
+    }
+
+    /// All columns of rows `i..i + R`, `W` at a time.
+    #[inline(always)]
+    fn columns<const R: usize, const W: usize>(&mut self, i: usize) {
+        let mut inverse = [T::one(); R];
+        if KIND != kind::LOWER_UNIT {
+            for s in 0..R {
+                inverse[s] = self.entry(i + s, i + s).recip();
+            }
+        }
+        let full = self.r.get() / W * W;
+        for j in (0..full).step_by(W) {
+            self.tile::<R, W>(i, j, &inverse);
+        }
+        match self.r.get() - full {
+            3 => self.tile::<R, 3>(i, full, &inverse),
+            2 => self.tile::<R, 2>(i, full, &inverse),
+            1 => self.tile::<R, 1>(i, full, &inverse),
+            _ => {}
+        }
+    }
+
+    /// Rows `i..i + R`, columns `j..j + W` of the solution.
+    #[inline(always)]
+    fn tile<const R: usize, const W: usize>(&mut self, i: usize, j: usize, inverse: &[T; R]) {
+        let (n, r) = (self.n.get(), self.r.get());
+        let t = Rows { data: self.t, stride: n };
+        let x = Rows { data: &*self.x, stride: r };
+        let mut sum = tile::load::<T, R, W>(x, (i, j));
+        match KIND {
+            kind::LOWER | kind::LOWER_UNIT => {
+                let before = (0, i);
+                accumulate::<T, R, W, false, false, { chain::SUB }>(t, x, (i, j), before, &mut sum);
+            }
+            kind::UPPER => {
+                let after = (i + R, n);
+                accumulate::<T, R, W, false, false, { chain::SUB_DOWN }>(
+                    t,
+                    x,
+                    (i, j),
+                    after,
+                    &mut sum,
+                );
+            }
+            _ => {
+                let after = (i + R, n);
+                accumulate::<T, R, W, true, false, { chain::SUB_DOWN }>(
+                    t,
+                    x,
+                    (i, j),
+                    after,
+                    &mut sum,
+                );
+            }
+        }
+        for step in 0..R {
+            let row = if Self::FALLING { R - 1 - step } else { step };
+            for back in 0..step {
+                let p = if Self::FALLING { R - 1 - back } else { back };
+                let factor = self.entry(i + row, i + p);
+                for s in 0..W {
+                    sum[row][s] = factor.neg_mul_add(sum[p][s], sum[row][s]);
+                }
+            }
+            if KIND != kind::LOWER_UNIT {
+                for s in 0..W {
+                    sum[row][s] = sum[row][s] * inverse[row];
+                }
+            }
+        }
+        tile::store(&sum, self.x, r, (i, j));
+    }
+}
+
+impl<T: Real, N: Dim, C: Dim, const KIND: u8> LaneKernel<T> for Triangular<'_, T, N, C, KIND> {
+    type Out = ();
+    #[inline(always)]
+    fn run(mut self) {
+        match T::TILE {
+            4 => self.rows::<4, 4>(),
+            2 => self.rows::<2, 2>(),
+            _ => self.rows::<1, 1>(),
+        }
+    }
+}
+
+/// The public functions.
+macro_rules! solves {
+    ($($name:ident $kind:ident $doc:literal;)*) => {$(
+        #[doc = $doc]
+        ///
+        /// The other triangle is not read. A zero on the diagonal gives
+        /// infinities or NaN. Panics unless `t.len() == n * n` and
+        /// `x.len() == n * r`.
+        #[inline(always)]
+        #[track_caller]
+        pub fn $name<T: Real, N: Dim, C: Dim>(n: N, r: C, t: &[T], x: &mut [T]) {
+            Triangular::<T, N, C, { kind::$kind }> { n, r, t, x }.go();
+        }
+    )*};
+}
+
+solves! {
+    solve_lower_unit LOWER_UNIT "`X <- L^-1 X`, `L` n x n lower triangular with ones on the diagonal, `X` n x r.";
+    solve_lower LOWER "`X <- L^-1 X`, `L` n x n lower triangular, `X` n x r.";
+    solve_upper UPPER "`X <- U^-1 X`, `U` n x n upper triangular, `X` n x r.";
+    solve_lower_t LOWER_T "`X <- L'^-1 X`, `L` n x n lower triangular, `X` n x r.";
+}

@@ -1,0 +1,184 @@
+//! From whole arrays to lane blocks and back.
+
+use faer::MatRef;
+
+use crate::error::{Error, Result};
+use crate::par::{RunControl, map_parts};
+use crate::real::Real;
+use crate::simd::{LANES, Tier};
+use crate::solve::problem::{Field, check_item};
+use crate::solve::report::{ItemReport, Solutions};
+
+/// Work that a chunk should hold, in floating-point operations: about a
+/// millisecond.
+const CHUNK_FLOPS: usize = 10_000_000;
+
+/// How one kind of equation is solved on a range of items.
+pub(super) trait Equation: Sync {
+    /// Solves the items `first..first + bad.len()` but those marked `bad`, into
+    /// `x` (one matrix an item); returns one report an item. What it does for a
+    /// bad item is of no account.
+    fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport>;
+}
+
+/// Items a chunk, a multiple of the lanes, from the cost of one item alone.
+fn chunk_len(flops_an_item: usize) -> usize {
+    (CHUNK_FLOPS / flops_an_item.max(1)).clamp(1, 4096).next_multiple_of(LANES)
+}
+
+/// Checks all items and solves the good ones.
+///
+/// # Errors
+/// `Limit` if the solutions do not fit in memory, `Cancelled`.
+pub(super) fn run(
+    equation: &impl Equation,
+    fields: &[Field<'_>],
+    [rows, cols]: [usize; 2],
+    len: usize,
+    flops_an_item: usize,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    let size = rows * cols;
+    let mut x = nan_filled(size, len)?;
+    let chunk = chunk_len(flops_an_item);
+    let parts: Vec<_> = x.chunks_mut(chunk * size).collect();
+    let reports = map_parts(
+        control,
+        parts,
+        |part| part.len() / size,
+        |index, part| {
+            let first = index * chunk;
+            let count = part.len() / size;
+            let checks: Vec<Result<()>> =
+                (first..first + count).map(|k| check_item(fields, k, len)).collect();
+            let bad: Vec<bool> = checks.iter().map(Result::is_err).collect();
+            let mut reports = if bad.iter().all(|&b| b) {
+                vec![ItemReport::pending(); count]
+            } else {
+                equation.solve(first, &bad, part)
+            };
+            for (check, report) in checks.into_iter().zip(&mut reports) {
+                if let Err(error) = check {
+                    *report = ItemReport::refused(error);
+                }
+            }
+            for (report, x) in reports.iter_mut().zip(part.chunks_exact_mut(size)) {
+                finish(report, x, cols);
+            }
+            reports
+        },
+    )?;
+    Ok(Solutions { rows, cols, x, items: reports.into_iter().flatten().collect() })
+}
+
+/// `len` matrices of NaN.
+fn nan_filled(size: usize, len: usize) -> Result<Vec<f64>> {
+    let too_large = || Error::Limit {
+        what: "the batch of solutions".into(),
+        bytes: size as u128 * len as u128 * 8,
+        limit: isize::MAX as u128,
+        key: "memory (solve the batch in parts)",
+    };
+    let count = size.checked_mul(len).ok_or_else(too_large)?;
+    let mut x = Vec::new();
+    x.try_reserve_exact(count).map_err(|_| too_large())?;
+    x.resize(count, f64::NAN);
+    Ok(x)
+}
+
+/// A solution out of range becomes an error; a failed item's `X` becomes NaN.
+fn finish(report: &mut ItemReport, x: &mut [f64], cols: usize) {
+    if report.status.is_ok()
+        && let Some(at) = x.iter().position(|v| !v.is_finite())
+    {
+        report.status = Err(Error::Range {
+            what: format!("X[{}][{}]", at / cols, at % cols),
+            value: x[at],
+            remedy: "the solution overflows; scale the weights or the states".into(),
+        });
+    }
+    if report.status.is_err() {
+        x.fill(f64::NAN);
+    }
+}
+
+/// Copies entries of `field` for the items `at` (one a lane) to lanes. Lanes of
+/// a bad item receive `substitute(row, col)`.
+#[inline(always)]
+pub(super) fn gather<T: Real>(
+    field: &Field<'_>,
+    at: &[Option<usize>],
+    substitute: impl Fn(usize, usize) -> f64,
+    out: &mut [T],
+) {
+    let (rows, cols) = field.shape();
+    for i in 0..rows {
+        for j in 0..cols {
+            out[i * cols + j] = T::from_fn(|lane| match at[lane] {
+                Some(item) if field.symmetric() => {
+                    let x = field.item(item);
+                    mean(x[i * cols + j], x[j * cols + i])
+                }
+                Some(item) => field.item(item)[i * cols + j],
+                None => substitute(i, j),
+            });
+        }
+    }
+}
+
+/// The mean of two numbers, exact where they are equal.
+fn mean(x: f64, y: f64) -> f64 {
+    if x == y { x } else { 0.5 * x + 0.5 * y }
+}
+
+/// The identity as a substitute.
+pub(super) fn unit(i: usize, j: usize) -> f64 {
+    f64::from(u8::from(i == j))
+}
+
+/// Minus the identity: a stable coefficient.
+pub(super) fn minus_unit(i: usize, j: usize) -> f64 {
+    -unit(i, j)
+}
+
+/// Half the identity: a coefficient stable in discrete time.
+pub(super) fn half_unit(i: usize, j: usize) -> f64 {
+    0.5 * unit(i, j)
+}
+
+/// Items of the lanes of the group that starts at `start`: padding lanes repeat
+/// the last item, bad items are `None`.
+#[inline(always)]
+pub(super) fn lanes_of<T: Real>(first: usize, start: usize, bad: &[bool]) -> Vec<Option<usize>> {
+    (0..T::LANES)
+        .map(|lane| {
+            let local = (start + lane).min(bad.len() - 1);
+            (!bad[local]).then_some(first + local)
+        })
+        .collect()
+}
+
+/// Fails with `Shape` unless `x` is `want[0]` by `want[1]`.
+pub(super) fn check_shape(what: &str, x: MatRef<'_, f64>, want: [usize; 2]) -> Result<()> {
+    let got = [x.nrows(), x.ncols()];
+    if got == want { Ok(()) } else { Err(Error::Shape { what: what.into(), want, got }) }
+}
+
+/// The entries of `x`, row by row.
+pub(super) fn rows_of(x: MatRef<'_, f64>) -> Vec<f64> {
+    (0..x.nrows()).flat_map(|i| (0..x.ncols()).map(move |j| x[(i, j)])).collect()
+}
+
+/// The tier, if this CPU has it.
+///
+/// # Errors
+/// `Conflict` if not.
+pub(super) fn available(tier: Tier) -> Result<Tier> {
+    if tier.available() {
+        return Ok(tier);
+    }
+    Err(Error::Conflict {
+        problem: format!("this CPU does not run the {tier} tier"),
+        remedy: "take one for which Tier::available is true".into(),
+    })
+}

@@ -1,0 +1,128 @@
+//! Scaling by powers of two, lane by lane, so that units do not matter.
+
+use super::ops::outlined;
+use crate::real::{Mask, Real};
+use crate::small::norm_max;
+
+/// Sweeps over the states; units that differ by many decades need a few.
+const SWEEPS: usize = 6;
+
+/// Exponent of the largest entry, 0 where there is none but zeros.
+#[inline(always)]
+pub(crate) fn exponent_of<T: Real>(x: &[T]) -> T {
+    let largest = norm_max(x);
+    let (_, e) = largest.split();
+    T::select(largest.gt(T::zero()), e, T::zero())
+}
+
+/// `x *= 2^e`, in two steps so that `e` may go beyond the range of one.
+#[inline(always)]
+pub(crate) fn shift<T: Real>(x: &mut [T], e: T) {
+    let first = (e * T::splat(0.5)).round_ties_even();
+    let (u, v) = (T::pow2i(first), T::pow2i(e - first));
+    for x in x {
+        *x = *x * u * v;
+    }
+}
+
+/// `log2` of a magnitude to a tenth, and its absence.
+#[inline(always)]
+fn log2<T: Real>(x: T) -> (T, T::Mask) {
+    let (significand, exponent) = x.split();
+    (exponent + (significand - T::one()), x.ge(T::splat(f64::MIN_POSITIVE)))
+}
+
+outlined! {
+    /// Exponents `k` of the symplectic scaling `x = D x_s`, `D = diag(2^k)`, that
+    /// evens out the Hamiltonian of a Riccati equation.
+    ///
+    /// ```text
+    /// A -> D^-1 A D,  G -> D^-1 G D^-1,  Q -> D Q D
+    /// per state i, choose f with   f a + f^2 q = p / f + g / f^2:
+    /// a = sum |A_ji| + |Q_ji|,  q = |Q_ii|,  p = sum |A_ij| + |G_ij|,  g = |G_ii|   (j != i)
+    /// ```
+    /// The diagonals of `G` and `Q` take part, so a common factor of both is
+    /// absorbed too. `a`, `g`, `q` are overwritten with the scaled magnitudes;
+    /// with empty `g` and `q` the scaling is that of a plain matrix `A`
+    /// (Osborne 1960).
+    pub(crate) fn balance(n: usize, a: &'a mut [T], g: &'a mut [T], q: &'a mut [T], k: &'a mut [T]) {
+        k.fill(T::zero());
+        for x in a.iter_mut().chain(g.iter_mut()).chain(q.iter_mut()) {
+            *x = x.abs();
+        }
+        for _ in 0..SWEEPS {
+            let mut changed = T::Mask::splat(false);
+            for i in 0..n {
+                let e = exponent(n, i, [&*a, &*g, &*q]);
+                changed = changed | e.abs().gt(T::zero());
+                if !e.abs().gt(T::zero()).any() {
+                    continue;
+                }
+                k[i] = k[i] + e;
+                let (up, down) = (T::pow2i(e), T::pow2i(-e));
+                for j in 0..n {
+                    a[j * n + i] = a[j * n + i] * up;
+                    a[i * n + j] = a[i * n + j] * down;
+                    if !g.is_empty() {
+                        g[j * n + i] = g[j * n + i] * down;
+                        g[i * n + j] = g[i * n + j] * down;
+                        q[j * n + i] = q[j * n + i] * up;
+                        q[i * n + j] = q[i * n + j] * up;
+                    }
+                }
+            }
+            if !changed.any() {
+                break;
+            }
+        }
+    }
+}
+
+/// The exponent that evens out state `i`, 0 where one side is empty.
+#[inline(always)]
+fn exponent<T: Real>(n: usize, i: usize, [a, g, q]: [&[T]; 3]) -> T {
+    let (mut column, mut row) = (T::zero(), T::zero());
+    for j in (0..n).filter(|&j| j != i) {
+        column = column + a[j * n + i];
+        row = row + a[i * n + j];
+        if !g.is_empty() {
+            column = column + q[j * n + i];
+            row = row + g[j * n + i];
+        }
+    }
+    let (zero, far) = (T::zero(), T::splat(4000.0));
+    let (square_column, square_row) =
+        if g.is_empty() { (zero, zero) } else { (q[i * n + i], g[i * n + i]) };
+    let columns = [log2(column), log2(square_column)];
+    let rows = [log2(row), log2(square_row)];
+    // Where the larger of two rising lines meets the larger of two falling ones.
+    let mut best = -far;
+    for (falling, (r, has_row)) in rows.into_iter().enumerate() {
+        let mut meet = far;
+        for (rising, (c, has_column)) in columns.into_iter().enumerate() {
+            let at = (r - c) * T::splat(1.0 / (2 + falling + rising) as f64);
+            meet = T::select(has_column, at.min(meet), meet);
+        }
+        best = T::select(has_row, meet.max(best), best);
+    }
+    let there = (columns[0].1 | columns[1].1) & (rows[0].1 | rows[1].1);
+    let e = T::select(there, best, zero).round_ties_even();
+    e.min(T::splat(500.0)).max(T::splat(-500.0))
+}
+
+/// Applies the exponents `k`: `x_ij *= 2^(row k_i + col k_j)`, `x` rows by cols;
+/// `row` and `col` are -1, 0 or 1.
+#[inline(always)]
+pub(crate) fn apply<T: Real>(k: &[T], [row, col]: [f64; 2], x: &mut [T], [rows, cols]: [usize; 2]) {
+    for i in 0..rows {
+        let line = &mut x[i * cols..][..cols];
+        if row != 0.0 {
+            shift(line, k[i] * T::splat(row));
+        }
+        if col != 0.0 {
+            for (x, &e) in line.iter_mut().zip(k) {
+                shift(std::slice::from_mut(x), e * T::splat(col));
+            }
+        }
+    }
+}

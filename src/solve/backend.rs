@@ -6,6 +6,8 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{
     ComputeEigenvectors, evd_real, evd_scratch, self_adjoint_evd, self_adjoint_evd_scratch,
 };
+use faer::linalg::lu::partial_pivoting::{factor as lu, solve as lu_solve};
+use faer::linalg::qr::no_pivoting::{factor as qr, solve as qr_solve};
 use faer::prelude::default;
 use faer::{Mat, MatRef, Par};
 
@@ -117,4 +119,45 @@ fn eigen_parts(a: MatRef<'_, f64>, vectors: ComputeEigenvectors) -> Result<Eigen
 /// `Range` if the iteration does not converge.
 pub fn singular_values(a: MatRef<'_, f64>) -> Result<Vec<f64>> {
     a.singular_values().map_err(|_| failed("singular values", a.nrows()))
+}
+
+/// `A^-1 B` by LU with partial pivoting, and `ln|det A|`; `None` if a pivot is
+/// zero or not finite.
+pub(crate) fn solve(mut a: Mat<f64>, mut b: Mat<f64>) -> Option<(Mat<f64>, f64)> {
+    let n = a.nrows();
+    let (mut perm, mut perm_inv) = (vec![0_usize; n], vec![0_usize; n]);
+    let scratch = lu::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, default())
+        .or(lu_solve::solve_in_place_scratch::<usize, f64>(n, b.ncols(), Par::Seq));
+    let mut memory = MemBuffer::new(scratch);
+    let stack = MemStack::new(&mut memory);
+    let (_, perm) =
+        lu::lu_in_place(a.as_mut(), &mut perm, &mut perm_inv, Par::Seq, stack, default());
+    let mut log_det = 0.0;
+    for i in 0..n {
+        let pivot = a[(i, i)].abs();
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        log_det += libm::log(pivot);
+    }
+    let stack = MemStack::new(&mut memory);
+    lu_solve::solve_in_place(a.as_ref(), a.as_ref(), perm, b.as_mut(), Par::Seq, stack);
+    Some((b, log_det))
+}
+
+/// The `X` of least `|A X - B|`, `A` with at least as many rows as columns, by
+/// Householder QR.
+pub(crate) fn least_squares(mut a: Mat<f64>, mut b: Mat<f64>) -> Mat<f64> {
+    let (rows, cols) = (a.nrows(), a.ncols());
+    let block = qr::recommended_block_size::<f64>(rows, cols);
+    let mut reflectors = Mat::zeros(block, cols);
+    let scratch = qr::qr_in_place_scratch::<f64>(rows, cols, block, Par::Seq, default())
+        .or(qr_solve::solve_lstsq_in_place_scratch::<f64>(rows, cols, block, b.ncols(), Par::Seq));
+    let mut memory = MemBuffer::new(scratch);
+    let stack = MemStack::new(&mut memory);
+    qr::qr_in_place(a.as_mut(), reflectors.as_mut(), Par::Seq, stack, default());
+    let stack = MemStack::new(&mut memory);
+    let (basis, factor) = (a.as_ref(), reflectors.as_ref());
+    qr_solve::solve_lstsq_in_place(basis, factor, basis, b.as_mut(), Par::Seq, stack);
+    Mat::from_fn(cols, b.ncols(), |i, j| b[(i, j)])
 }

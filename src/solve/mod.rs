@@ -2,6 +2,7 @@
 
 pub mod backend;
 mod batch;
+mod fallback;
 pub(crate) mod lanes;
 mod problem;
 mod report;

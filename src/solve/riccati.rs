@@ -7,7 +7,8 @@ use crate::par::RunControl;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier, dispatch, dispatch_on};
 use crate::solve::batch::{self, Equation, gather, lanes_of, minus_unit, unit};
-use crate::solve::lanes::{Block, Kind};
+use crate::solve::fallback::sign_start;
+use crate::solve::lanes::{Block, Data, Kind};
 use crate::solve::problem::{Field, Riccati};
 use crate::solve::report::{ItemReport, Method, Solution, Solutions};
 
@@ -33,64 +34,101 @@ impl Kernel for Chunk<'_> {
     #[inline(always)]
     fn run<T: Real>(self) -> Vec<ItemReport> {
         let Chunk { batch, first, bad, x } = self;
-        let (n, m) = (batch.n, batch.m);
-        let size = n * n;
-        let mut block = Block::<T>::new(n, m);
+        let mut block = Block::<T>::new(batch.n, batch.m);
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
             let at = lanes_of::<T>(first, start, bad);
-            let d = &mut block.data;
-            gather(&batch.fields[0], &at, minus_unit, &mut d.a);
-            gather(&batch.fields[1], &at, |_, _| 0.0, &mut d.b);
-            gather(&batch.fields[2], &at, unit, &mut d.q);
-            gather(&batch.fields[3], &at, unit, &mut d.r);
-            match batch.fields.get(4) {
-                Some(s) => gather(s, &at, |_, _| 0.0, &mut d.s),
-                None => d.s.fill(T::zero()),
-            }
+            batch.load(&at, &mut block.data);
             block.solve(batch.kind);
             for lane in 0..T::LANES.min(bad.len() - start) {
+                let size = block.x.len();
                 let out = &mut x[(start + lane) * size..][..size];
-                for (o, v) in out.iter_mut().zip(&block.x) {
-                    *o = v.lane(lane);
-                }
-                let mut report = ItemReport::pending();
-                report.residual = block.residual.lane(lane);
-                report.correction = block.correction.lane(lane);
-                report.margin = block.margin.lane(lane);
-                report.iterations = block.steps.lane(lane) as u32;
-                report.method = Method::Doubling;
-                if !block.done.lane(lane) {
-                    let indefinite = block.indefinite.lane(lane);
-                    report.status = Err(failure(batch.kind, indefinite, &report));
-                }
-                reports.push(report);
+                reports.push(read(&block, lane, Method::Doubling, out));
             }
         }
         reports
     }
 }
 
-/// Why an item has no solution.
-fn failure(kind: Kind, indefinite: bool, report: &ItemReport) -> Error {
-    match kind {
-        Kind::Continuous if indefinite => Error::NotPositiveDefinite { what: "R".into() },
-        _ => Error::NoStabilizingSolution {
-            what: if kind == Kind::Continuous { "CARE" } else { "DARE" }.into(),
-            residual: report.residual,
-            iterations: report.iterations,
-        },
+/// Copies the solution of one lane to `x`; its status is an error if the lane
+/// failed, of which the caller finds the reason.
+fn read<T: Real>(block: &Block<T>, lane: usize, method: Method, x: &mut [f64]) -> ItemReport {
+    for (o, v) in x.iter_mut().zip(&block.x) {
+        *o = v.lane(lane);
+    }
+    let iterations = block.steps.lane(lane) as u32;
+    let residual = block.residual.lane(lane);
+    let status = if block.done.lane(lane) {
+        Ok(())
+    } else if block.indefinite.lane(lane) {
+        Err(Error::NotPositiveDefinite { what: "R".into() })
+    } else {
+        Err(Error::NoStabilizingSolution { what: String::new(), residual, iterations })
+    };
+    ItemReport {
+        status,
+        residual,
+        correction: block.correction.lane(lane),
+        margin: block.margin.lane(lane),
+        iterations,
+        error_bound: None,
+        method,
+    }
+}
+
+impl Batch<'_> {
+    /// Copies the items `at` to lanes; bad items become a harmless equation.
+    #[inline(always)]
+    fn load<T: Real>(&self, at: &[Option<usize>], d: &mut Data<T>) {
+        gather(&self.fields[0], at, minus_unit, &mut d.a);
+        gather(&self.fields[1], at, |_, _| 0.0, &mut d.b);
+        gather(&self.fields[2], at, unit, &mut d.q);
+        gather(&self.fields[3], at, unit, &mut d.r);
+        match self.fields.get(4) {
+            Some(s) => gather(s, at, |_, _| 0.0, &mut d.s),
+            None => d.s.fill(T::zero()),
+        }
+    }
+
+    /// Tries item `k`, which failed in lanes as `report` says, in another way.
+    fn retry(&self, k: usize, x: &mut [f64], report: &mut ItemReport) {
+        let indefinite = matches!(report.status, Err(Error::NotPositiveDefinite { .. }));
+        if indefinite && self.kind == Kind::Continuous {
+            return;
+        }
+        let mut block = Block::<f64>::new(self.n, self.m);
+        self.load(&[Some(k)], &mut block.data);
+        block.solve_from(self.kind, |c| {
+            sign_start(self.kind, self.n, c).map(|(x, steps)| (x, f64::from(steps)))
+        });
+        let mut second = read(&block, 0, Method::Fallback, x);
+        second.iterations += report.iterations;
+        if second.status.is_ok() {
+            *report = second;
+            return;
+        }
+        let what = if self.kind == Kind::Continuous { "CARE" } else { "DARE" }.into();
+        let (residual, iterations) = (report.residual, second.iterations);
+        report.iterations = iterations;
+        report.status = Err(Error::NoStabilizingSolution { what, residual, iterations });
     }
 }
 
 impl Equation for Batch<'_> {
     fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
-        let chunk = Chunk { batch: self, first, bad, x };
-        match self.tier {
+        let chunk = Chunk { batch: self, first, bad, x: &mut *x };
+        let mut reports = match self.tier {
             // A tier that this CPU lacks is refused before the batch starts.
             Some(tier) => dispatch_on(tier, chunk).unwrap_or_default(),
             None => dispatch(chunk),
+        };
+        let items = x.chunks_exact_mut(self.n * self.n).zip(&mut reports);
+        for (local, (x, report)) in items.enumerate() {
+            if report.status.is_err() && !bad[local] {
+                self.retry(first + local, x, report);
+            }
         }
+        reports
     }
 }
 

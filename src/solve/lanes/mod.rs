@@ -29,8 +29,9 @@ mod powers;
 mod riccati;
 mod smith;
 
+pub(crate) use doubling::Coefficients;
 pub(crate) use powers::{Cayley, Powers, gamma_of};
-pub(crate) use riccati::{Block, Kind};
+pub(crate) use riccati::{Block, Data, Kind};
 pub(crate) use smith::{
     lyapunov, lyapunov_dual, stein, stein_dual, stein_pair, stein_pair_nt, sylvester, sylvester_nt,
 };

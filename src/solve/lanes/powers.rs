@@ -1,7 +1,11 @@
 //! Powers by squaring: what Smith sums are made of, and a proof of stability.
 
+use super::smith::{lyapunov_dual, stein_dual};
 use crate::real::{Mask, Real};
-use crate::small::{Dyn, inverse, lu_factor, mul, norm_frobenius, scale};
+use crate::small::{
+    Dyn, add_assign, cholesky, identity, inverse, lu_factor, mul, norm_frobenius, scale,
+    sub_assign, sym_mul_add_tn, transpose,
+};
 
 /// Squarings after which a lane is given up: a radius of `1 - 1e-15` would need
 /// 56.
@@ -29,6 +33,11 @@ pub(crate) struct Powers<T: Real> {
     norms: Vec<T>,
     /// Lanes in which `F` was shown to be stable.
     pub(crate) stable: T::Mask,
+    /// Lanes whose computed powers became small, which proves nothing where they
+    /// grew a lot before.
+    decayed: T::Mask,
+    /// Margin that a Lyapunov function proved, where one was needed.
+    certified: T,
     /// Norm of the last power looked at in each lane, with its rounding errors.
     bound: T,
     /// The exponent of that power.
@@ -46,6 +55,8 @@ impl<T: Real> Powers<T> {
             f: Vec::new(),
             norms: Vec::new(),
             stable: T::Mask::splat(false),
+            decayed: T::Mask::splat(false),
+            certified: T::zero(),
             bound: T::zero(),
             exponent: T::one(),
             squarings: T::zero(),
@@ -76,32 +87,46 @@ impl<T: Real> Powers<T> {
         self.squarings.lane(lane) as u32
     }
 
+    /// Squares `f` (n by n) until it is small in every lane, and shows it stable
+    /// where it is.
+    #[inline(always)]
+    pub(crate) fn set(&mut self, f: &[T]) {
+        self.square(f);
+        if self.needs_certificate() {
+            let (proved, margin) = certify_discrete(self, f);
+            self.accept(proved, margin);
+        }
+    }
+
     /// Squares `f` (n by n) until it is small in every lane.
     ///
     /// ```text
     /// rho(F) <= |F^N|^(1/N),    |fl(P P) - P P| <= n u |P|^2
     /// ```
     /// The bound of a power carries the rounding errors of all squarings before
-    /// it, so that `stable` is a proof (for the `f` given).
+    /// it, so that `stable` is a proof (for the `f` given). Where `f` is far from
+    /// normal the errors can swamp the bound though the powers decay.
     #[inline(always)]
-    pub(crate) fn set(&mut self, f: &[T]) {
+    fn square(&mut self, f: &[T]) {
         let n = self.n;
         let (zero, one) = (T::zero(), T::one());
         let rounding = T::splat((n + 2) as f64 * f64::EPSILON);
+        let none = T::Mask::splat(false);
         self.f.clear();
         self.norms.clear();
         self.f.extend_from_slice(f);
-        self.exponent = one;
-        self.squarings = zero;
-        self.stable = T::Mask::splat(false);
+        (self.exponent, self.squarings, self.certified) = (one, zero, zero);
+        (self.stable, self.decayed) = (none, none);
         let mut active = T::Mask::splat(true);
         let mut error = zero;
         for _ in 0..=MAX_SQUARINGS {
             let at = self.f.len() - n * n;
             let norm = norm_frobenius(&self.f[at..]);
+            let small = active & norm.le(T::splat(FLOOR));
             self.bound = T::select(active, norm + error, self.bound);
-            let small = active & self.bound.le(T::splat(FLOOR));
-            self.stable = self.stable | small;
+            self.decayed = self.decayed | small;
+            // A bound far above the power itself is no proof of its size.
+            self.stable = self.stable | (small & error.le(T::splat(FLOOR_ROOT)));
             active = active & !small & norm.le(T::splat(CEILING));
             for x in &mut self.f[at..] {
                 *x = T::select(active, *x, zero);
@@ -125,6 +150,26 @@ impl<T: Real> Powers<T> {
         }
     }
 
+    /// True if the powers decayed in a lane where that alone proves nothing.
+    #[inline(always)]
+    fn needs_certificate(&self) -> bool {
+        (self.decayed & !self.stable).any()
+    }
+
+    /// Takes over what a Lyapunov function proved.
+    #[inline(always)]
+    fn accept(&mut self, proved: T::Mask, margin: T) {
+        let new = self.decayed & !self.stable & proved;
+        self.certified = T::select(new, margin, self.certified);
+        self.stable = self.stable | new;
+    }
+
+    /// The margin of a Lyapunov function in lane `lane`, where one was needed.
+    fn certified(&self, lane: usize) -> Option<f64> {
+        let margin = self.certified.lane(lane);
+        (margin > 0.0).then_some(margin)
+    }
+
     /// Bound on the spectral radius of `F` in lane `lane`, as its logarithm
     /// (negative where stable, NaN or positive otherwise).
     pub(crate) fn log_radius(&self, lane: usize) -> f64 {
@@ -135,10 +180,37 @@ impl<T: Real> Powers<T> {
     }
 
     /// Verified margin in discrete time: every eigenvalue has modulus at most
-    /// `1 - margin`.
+    /// `1 - margin`. Not positive, or NaN, where stability was not shown.
     pub(crate) fn margin(&self, lane: usize) -> f64 {
-        -libm::expm1(self.log_radius(lane))
+        self.certified(lane).unwrap_or_else(|| -libm::expm1(self.log_radius(lane)))
     }
+}
+
+/// Shows `f` stable by a Lyapunov function, and a margin.
+///
+/// ```text
+/// Y - F'YF = M,  Y > 0,  M > 0   =>   rho(F)^2 <= 1 - lambda_min(M) / lambda_max(Y)
+/// ```
+/// `Y` is made for `M = I`; what counts is the `M` it really has.
+#[inline(always)]
+fn certify_discrete<T: Real>(p: &Powers<T>, f: &[T]) -> (T::Mask, T) {
+    let n = Dyn(p.n);
+    let mut y = vec![T::zero(); p.n * p.n];
+    identity(n, &mut y);
+    let mut work = vec![T::zero(); 2 * p.n * p.n];
+    stein_dual(p, &mut y, &mut work);
+    let (product, defect) = work.split_at_mut(p.n * p.n);
+    // F'YF - Y + I
+    identity(n, defect);
+    sub_assign(defect, &y);
+    mul(n, n, n, &y, f, product);
+    sym_mul_add_tn(n, n, f, product, defect);
+    let left = T::one() - norm_frobenius(defect);
+    let share = left / norm_frobenius(&y);
+    // 1 - sqrt(1 - s) = s / (1 + sqrt(1 - s))
+    let margin = share / (T::one() + (T::one() - share).max(T::zero()).sqrt());
+    let positive = cholesky(n, &mut y);
+    (positive & left.gt(T::splat(0.5)), margin)
 }
 
 /// The Cayley transform of a stable matrix and its powers.
@@ -198,8 +270,40 @@ impl<T: Real> Cayley<T> {
         for i in 0..n {
             f[i * n + i] = f[i * n + i] - T::one();
         }
-        self.powers.set(f);
-        // A singular lane has F = -I: not small, so already not stable.
+        self.powers.square(f);
+        // A singular lane has F = -I: not small, so not stable.
+        if self.powers.needs_certificate() {
+            let (proved, margin) = self.certify(a);
+            self.powers.accept(proved, margin);
+        }
+    }
+
+    /// Shows `a` stable by a Lyapunov function, and a margin.
+    ///
+    /// ```text
+    /// A'Y + YA = -M,  Y > 0,  M > 0   =>   Re(lambda) <= -lambda_min(M) / (2 lambda_max(Y))
+    /// ```
+    /// `Y` is made for `M = I`; what counts is the `M` it really has.
+    #[inline(always)]
+    fn certify(&self, a: &[T]) -> (T::Mask, T) {
+        let size = self.powers.n;
+        let n = Dyn(size);
+        let mut y = vec![T::zero(); size * size];
+        identity(n, &mut y);
+        let mut work = vec![T::zero(); 2 * size * size];
+        lyapunov_dual(self, &mut y, &mut work);
+        let (product, defect) = work.split_at_mut(size * size);
+        // A'Y + YA + I
+        mul(n, n, n, &y, a, product);
+        transpose(n, n, product, defect);
+        add_assign(defect, product);
+        for i in 0..size {
+            defect[i * size + i] = defect[i * size + i] + T::one();
+        }
+        let left = T::one() - norm_frobenius(defect);
+        let margin = left / (T::splat(2.0) * norm_frobenius(&y));
+        let positive = cholesky(n, &mut y);
+        (positive & left.gt(T::splat(0.5)), margin)
     }
 
     /// Verified margin in continuous time: every eigenvalue of `A` has real part
@@ -210,7 +314,8 @@ impl<T: Real> Cayley<T> {
     /// ```
     pub(crate) fn margin(&self, lane: usize) -> f64 {
         let half = -0.5 * self.powers.log_radius(lane);
-        self.gamma.lane(lane) * libm::tanh(half)
+        let margin = || self.gamma.lane(lane) * libm::tanh(half);
+        self.powers.certified(lane).unwrap_or_else(margin)
     }
 }
 

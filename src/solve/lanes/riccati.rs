@@ -280,16 +280,8 @@ impl<T: Real> Block<T> {
     /// which also serves an `R` that is singular while `R + B'XB` is not.
     #[inline(always)]
     pub(crate) fn solve(&mut self, kind: Kind) {
-        let zero = T::zero();
-        self.data.scale_units();
-        let positive = self.reduced.set(&self.data, zero);
-        self.indefinite = !positive;
-        self.data.scale_states(kind, &mut self.reduced, &mut self.doubling);
-        self.done = T::Mask::splat(false);
-        self.steps = zero;
-        self.residual = T::splat(f64::NAN);
-        self.correction = T::splat(f64::NAN);
-        self.margin = T::splat(f64::NAN);
+        self.prepare(kind);
+        let (zero, positive) = (T::zero(), !self.indefinite);
         for factor in ATTEMPTS {
             let mut wanted = !self.done;
             let origin = match kind {
@@ -324,6 +316,43 @@ impl<T: Real> Block<T> {
                 break;
             }
         }
+        self.finish(kind);
+    }
+
+    /// Solves `data`, scaled in the course, from a start that `start` makes of
+    /// the scaled equation without cross term.
+    #[inline(always)]
+    pub(crate) fn solve_from(
+        &mut self,
+        kind: Kind,
+        start: impl FnOnce(Coefficients<'_, T>) -> Option<(Vec<T>, T)>,
+    ) {
+        self.prepare(kind);
+        if let Some((x, steps)) = start(self.reduced.coefficients()) {
+            self.doubling.h.copy_from_slice(&x);
+            self.doubling.settled = T::Mask::splat(true);
+            self.doubling.steps = steps;
+            self.correct(kind, T::Mask::splat(true));
+        }
+        self.finish(kind);
+    }
+
+    /// Scales the data and clears the results.
+    #[inline(always)]
+    fn prepare(&mut self, kind: Kind) {
+        self.data.scale_units();
+        let positive = self.reduced.set(&self.data, T::zero());
+        self.indefinite = !positive;
+        self.data.scale_states(kind, &mut self.reduced, &mut self.doubling);
+        self.done = T::Mask::splat(false);
+        self.steps = T::zero();
+        let nan = T::splat(f64::NAN);
+        (self.residual, self.correction, self.margin) = (nan, nan, nan);
+    }
+
+    /// Brings the results to the user's units.
+    #[inline(always)]
+    fn finish(&mut self, kind: Kind) {
         self.data.unscale(&mut self.x);
         if kind == Kind::Continuous {
             shift(std::slice::from_mut(&mut self.margin), self.data.time);

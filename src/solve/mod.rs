@@ -1,9 +1,12 @@
 //! Riccati, Lyapunov and Sylvester equations, one at a time and in batches.
 
 pub mod backend;
+#[allow(dead_code, reason = "the linear equations come next")]
 mod batch;
 mod fallback;
+#[allow(dead_code, unused_imports, reason = "the linear equations that use the rest come next")]
 pub(crate) mod lanes;
+#[allow(dead_code, reason = "the linear equations come next")]
 mod problem;
 mod report;
 mod riccati;

@@ -5,7 +5,8 @@ use toml::de::DeValue;
 
 use super::family::{ExpressionFamily, Origin};
 use super::matrix::{CONSTANT, Size};
-use super::reader::{Reader, Table, Value, all, clip};
+use super::reader::{Reader, Value, all, clip};
+use super::table::Table;
 use super::{grid, keys, suggest};
 use crate::eip::Bank;
 use crate::error::Error;

@@ -3,7 +3,8 @@
 use toml::de::DeValue;
 
 use super::keys;
-use super::reader::{Reader, Table, Value};
+use super::reader::{Reader, Value};
+use super::table::Table;
 use crate::model::Axis;
 
 /// Reads the values of one parameter: a list, or a range with `points` or

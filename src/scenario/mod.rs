@@ -15,6 +15,7 @@
 //!
 #![doc = include_str!("../guide/scenario.md")]
 
+mod assemble;
 mod bank;
 mod diagnostic;
 mod expression;
@@ -30,21 +31,22 @@ mod settings;
 mod source;
 mod suggest;
 mod surroundings;
+mod table;
 mod template;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use toml::de::{DeTable, DeValue};
+use toml::de::DeTable;
 
 pub use diagnostic::{Diagnostic, Error};
 pub use family::ExpressionFamily;
 pub use template::{Template, template};
 
 use crate::eip::{Bank, Study};
-use crate::model::{Family, Surroundings};
+use crate::model::Surroundings;
 use places::Places;
-use reader::{Reader, Table, Value, clip};
+use reader::Reader;
 use settings::Settings;
 use source::Source;
 
@@ -86,8 +88,8 @@ impl Scenario {
     fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, Error> {
         let source = Source::new(name, bytes)?;
         let reader = Reader::new(&source);
-        let root = DeTable::parse(source.text).map_err(|e| syntax(&reader, &e))?;
-        let parts = read(&reader, root.get_ref());
+        let root = DeTable::parse(source.text).map_err(|e| assemble::syntax(&reader, &e))?;
+        let parts = assemble::read(&reader, root.get_ref());
         let warnings = reader.finish()?;
         // without diagnostics every part is there
         let Some(scenario) = parts else { return Err(Error::Invalid(Vec::new())) };
@@ -155,140 +157,6 @@ impl Scenario {
     pub fn explain(&self, error: crate::Error) -> Error {
         self.places.explain(error)
     }
-}
-
-/// A syntax error of the parser as an `Error`.
-fn syntax(reader: &Reader<'_>, error: &toml::de::Error) -> Error {
-    let span = error.span().unwrap_or(0..0);
-    let text = reader.source.text;
-    let message = error.message();
-    let word = clip(text.get(span.clone()).unwrap_or("").trim());
-    let (key, remedy) = match message {
-        "duplicate key" => (word, "keep one of them"),
-        _ => (String::new(), "see toml.io for the syntax"),
-    };
-    let message = format!("TOML: {message}");
-    Error::Invalid(vec![reader.diagnostic(span.start, &key, message, remedy)])
-}
-
-fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenario> {
-    let table = Table::new(reader, "", 0, root, keys::TOP);
-    format(&table)?;
-    let title = match table.get("title") {
-        Some(value) => Some(reader.string("title", value)?.to_string()),
-        None => None,
-    };
-    let shaped = table.get("disturbance").is_some();
-    let plant = table.need("plant", "add [plant] with time, states, outputs, A, C and R");
-    let (family, entries) = plant::read(reader, plant?, shaped)?;
-    let names = family.names();
-    let disturbance = table.get("disturbance").map(|value| {
-        surroundings::filter(reader, "disturbance", value, &names.disturbances, "disturbances")
-    });
-    let input = table
-        .get("input")
-        .map(|value| surroundings::filter(reader, "input", value, &names.inputs, "inputs"));
-    let controller =
-        table.get("controller").map(|value| surroundings::controller(reader, value, names));
-    let actuator = table.get("actuator").map(|value| surroundings::actuator(reader, value));
-    let settings = table.get("eip").map(|value| settings::read(reader, value, &family));
-    let weighted = plant.is_some_and(|p| has(p, "Q"));
-    let bank = table.get("bank").map(|value| bank::read(reader, value, &family, shaped, weighted));
-    // each has had its say
-    let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
-    let mut settings = maybe(settings)?;
-    if let (Some((delay, at)), Some(settings)) = (actuator.delay, &mut settings) {
-        if !settings.delays.is_empty() {
-            let remedy = "keep eip.delays for a family, actuator.delay for one";
-            let message = "both actuator.delay and eip.delays are given";
-            return reader.error(at, "actuator.delay", message, remedy);
-        }
-        settings.delays = vec![delay];
-    }
-    let scenario = Scenario {
-        title,
-        surroundings: Surroundings {
-            controller: maybe(controller)?,
-            disturbance: maybe(disturbance)?,
-            input: maybe(input)?,
-            pade_order: actuator.pade,
-        },
-        bank: maybe(bank)?,
-        settings,
-        warnings: Vec::new(),
-        places: Places { entries, ..places(reader, root) },
-        family: Arc::new(family),
-    };
-    check(reader, &scenario);
-    Some(scenario)
-}
-
-/// An optional part: `None` when it is there and wrong.
-fn maybe<T>(part: Option<Option<T>>) -> Option<Option<T>> {
-    match part {
-        None => Some(None),
-        Some(None) => None,
-        Some(value) => Some(value),
-    }
-}
-
-fn has(value: &Value<'_>, key: &str) -> bool {
-    matches!(value.get_ref(), DeValue::Table(map) if map.get(key).is_some())
-}
-
-fn format(table: &Table<'_, '_>) -> Option<()> {
-    let Some(value) = table.get("format") else {
-        let remedy = "add format = 1 at the top";
-        table.reader.warn(0, "format", "missing, taken for 1", remedy);
-        return Some(());
-    };
-    match table.reader.integer("format", value, 1)? {
-        1..=FORMAT => Some(()),
-        newer => {
-            let message = format!("format {newer} needs a newer mmae; this one reads {FORMAT}");
-            table.error("format", message, "update mmae, or write the file in the older format")
-        }
-    }
-}
-
-/// The engine's own checks, at the nominal values.
-fn check(reader: &Reader<'_>, scenario: &Scenario) {
-    let names = scenario.family.names();
-    let theta: Vec<f64> = scenario.family.parameters().iter().map(|p| p.nominal).collect();
-    let around = &scenario.surroundings;
-    let (nu, ny, nw) = (names.inputs.len(), names.outputs.len(), names.disturbances.len());
-    let checked = scenario
-        .family
-        .plant(&theta)
-        .and_then(|plant| plant.check())
-        .and_then(|()| around.controller.as_ref().map_or(Ok(()), |k| k.check(nu, ny)))
-        .and_then(|()| around.disturbance.as_ref().map_or(Ok(()), |f| f.check("disturbance", nw)))
-        .and_then(|()| around.input.as_ref().map_or(Ok(()), |f| f.check("input", nu)));
-    if let Err(error) = checked
-        && let Error::Engine { at, source } = scenario.explain(error)
-    {
-        reader.refuse(*at, source);
-    }
-}
-
-/// Places of the keys of the upper three levels, and of matrix entries.
-fn places(reader: &Reader<'_>, root: &DeTable<'_>) -> Places {
-    fn walk(reader: &Reader<'_>, path: &str, map: &DeTable<'_>, places: &mut Places) {
-        for (key, value) in map {
-            let path = if path.is_empty() {
-                key.get_ref().to_string()
-            } else {
-                format!("{path}.{}", key.get_ref())
-            };
-            places.keys.insert(path.clone(), reader.source.position(value.span().start));
-            if let DeValue::Table(inner) = value.get_ref() {
-                walk(reader, &path, inner, places);
-            }
-        }
-    }
-    let mut places = Places { file: reader.source.name.into(), ..Places::default() };
-    walk(reader, "", root, &mut places);
-    places
 }
 
 #[cfg(test)]

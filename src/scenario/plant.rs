@@ -11,7 +11,8 @@ use super::keys;
 use super::matrix::{Scope, Size, Written};
 use super::operators::{CONSTANTS, FUNCTIONS};
 use super::places::EntryPlaces;
-use super::reader::{Reader, Table, Value};
+use super::reader::{Reader, Value};
+use super::table::Table;
 use crate::model::{Names, Parameter, Time};
 
 /// Reads `[plant]`; `shaped` when a filter colours the disturbance, whose

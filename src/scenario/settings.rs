@@ -3,7 +3,8 @@
 use toml::de::DeValue;
 
 use super::family::ExpressionFamily;
-use super::reader::{Reader, Table, Value, all};
+use super::reader::{Reader, Value, all};
+use super::table::Table;
 use super::{bank, grid, keys, surroundings};
 use crate::eip::{Convention, Method, Verify};
 use crate::model::{Axis, Grid, Time};

@@ -5,7 +5,8 @@ use toml::de::DeValue;
 
 use super::keys;
 use super::matrix::{CONSTANT, Size, Written};
-use super::reader::{Reader, Table, Value};
+use super::reader::{Reader, Value};
+use super::table::Table;
 use crate::model::{Controller, Names, Shaping};
 
 /// The actuator of a scenario.

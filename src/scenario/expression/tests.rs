@@ -2,7 +2,7 @@
 
 use proptest::prelude::*;
 
-use super::super::operators::{Apply, FUNCTIONS, power};
+use super::super::operators::{Apply, FUNCTIONS, Function, power};
 use super::*;
 
 const NAMES: [&str; 3] = ["L", "M", "theta_1"];

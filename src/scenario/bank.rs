@@ -10,7 +10,7 @@ use super::table::Table;
 use super::{grid, keys, suggest};
 use crate::eip::Bank;
 use crate::error::Error;
-use crate::model::Axis;
+use crate::model::{Axis, check_covariance};
 use crate::observer::ObserverKind;
 
 /// Most models of a bank.
@@ -42,8 +42,9 @@ pub(super) fn read<'a>(
         },
     };
     let names = &family.names;
-    let Q = weight(&table, "Q", names.disturbances.len(), "disturbances");
-    let R = weight(&table, "R", names.outputs.len(), "outputs");
+    let continuous = family.time.is_continuous();
+    let Q = weight(&table, "Q", names.disturbances.len(), "disturbances", continuous);
+    let R = weight(&table, "R", names.outputs.len(), "outputs", continuous);
     if shaped && shaping == Some(false) && !weight_given && table.get("Q").is_none() {
         let remedy =
             "give bank.Q, the intensity of the white noise that stands for the disturbance";
@@ -89,7 +90,14 @@ fn observer(table: &Table<'_, '_>, family: &ExpressionFamily) -> Option<Observer
     Some(kind)
 }
 
-fn weight(table: &Table<'_, '_>, letter: &str, n: usize, of: &str) -> Option<Option<Mat<f64>>> {
+/// Reads a design weight of order `n`.
+fn weight(
+    table: &Table<'_, '_>,
+    letter: &str,
+    n: usize,
+    of: &str,
+    continuous: bool,
+) -> Option<Option<Mat<f64>>> {
     let Some(value) = table.get(letter) else { return Some(None) };
     let key = table.key(letter);
     if n == 0 {
@@ -97,7 +105,12 @@ fn weight(table: &Table<'_, '_>, letter: &str, n: usize, of: &str) -> Option<Opt
         return table.error(letter, message, format!("remove {key}"));
     }
     let written = table.reader.covariance(&key, value, CONSTANT, Size::new(n, of))?;
-    written.evaluate(table.reader, &key, &[], &[]).map(Some)
+    let matrix = written.evaluate(table.reader, &key, &[], &[])?;
+    let definite = letter == "R" && continuous;
+    match check_covariance(&key, matrix.as_ref(), definite) {
+        Ok(()) => Some(Some(matrix)),
+        Err(error) => table.reader.engine(value.span().start, &key, error),
+    }
 }
 
 /// Checks that `name`, used as key `key` at byte `at`, is a free parameter.

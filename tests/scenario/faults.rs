@@ -415,6 +415,8 @@ fn banks() {
     check("[\"a\", \"b\", \"c\"]", "@[\"a\", \"b\"]", "bank.labels", "2 labels for 3 models", "");
     check("[\"a\", \"b\", \"c\"]", "[\"a\", \"b\", @\"a\"]", "bank.labels[2]", "given twice", "");
     check("shaping = true", "shaping = @1", "bank.shaping", "an integer", "true or false");
+    check("shaping = true", "R = @0", "bank.R", "not positive definite", "raise its diagonal");
+    check("shaping = true", "Q = @-1", "bank.Q", "not positive semidefinite", "");
     check("shaping = true", "Q = @[1, 1]", "bank.Q", "2 entries, wanted 1", "");
     check("shaping = true", "R = \"@k\"", "bank.R", "'k'", "do not follow");
 }

@@ -21,7 +21,6 @@ The checksum is the mean trace of X over the first CHECKED items.
 
 import numpy as np
 
-SIZES = (4, 8, 12)
 KINDS = {"care": 0, "dare": 100, "clyap": 200, "dlyap": 300}
 CHECKED = 64
 

@@ -1,0 +1,243 @@
+//! Rates of the batched solvers and of EIP pairs, on problems made by formula.
+//!
+//! `cargo bench --bench throughput` prints a table, `-- --json` one object
+//! (`{"care_n4": {"rate": .., "checksum": ..}}`, problems or pairs per second),
+//! `-- --test` runs every case once, small. `--case NAME`, `--seconds S`,
+//! `--rounds K` (the best counts), `--threads N` narrow it; `--list` names the
+//! cases. Every result is checked
+//! before it is timed. `benches/peers/run.sh` compares these rates with other
+//! libraries' on the same problems, whose formula is in
+//! `benches/peers/problems.py`.
+#![allow(clippy::print_stdout, reason = "a program that reports on stdout")]
+
+use mmae::par::RunControl;
+use mmae::solve::{self, Riccati, Solutions};
+use std::time::Instant;
+
+type Any<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Items whose trace enters the checksum.
+const CHECKED: usize = 64;
+/// Riccati residuals and Lyapunov residuals, relative, never exceed this.
+const RESIDUAL: f64 = 1e-11;
+
+/// Entry after entry of the stream of `seed`, in [-1, 1).
+struct Stream {
+    state: u64,
+}
+
+impl Stream {
+    fn next(&mut self) -> f64 {
+        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^= z >> 31;
+        (z >> 11) as f64 * 2f64.powi(-53) * 2.0 - 1.0
+    }
+
+    fn take(&mut self, count: usize) -> Vec<f64> {
+        (0..count).map(|_| self.next()).collect()
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Equation {
+    Care,
+    Dare,
+}
+
+/// A batch of one equation: `A`, `B`, `Q` in C order (`R = I`).
+struct Batch {
+    equation: Equation,
+    n: usize,
+    m: usize,
+    len: usize,
+    a: Vec<f64>,
+    b: Vec<f64>,
+    q: Vec<f64>,
+    r: Vec<f64>,
+}
+
+impl Batch {
+    fn new(equation: Equation, n: usize, len: usize) -> Batch {
+        let m = n / 2;
+        let seed = n as u64 + 100 * equation as u64;
+        let mut stream = Stream { state: seed };
+        let (mut a, mut b, mut q) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..len {
+            for u in stream.take(n * n) {
+                a.push(match equation {
+                    Equation::Care => u / 2.0,
+                    Equation::Dare => 0.7 * u,
+                });
+            }
+            b.extend(stream.take(n * m));
+            let v = stream.take(n * n);
+            for i in 0..n {
+                for j in 0..n {
+                    let one = if i == j { 1.0 } else { 0.0 };
+                    q.push(one + (v[i * n + j] + v[j * n + i]) / 20.0);
+                }
+            }
+        }
+        let r = (0..m * m).map(|k| if k % (m + 1) == 0 { 1.0 } else { 0.0 });
+        Batch { equation, n, m, len, a, b, q, r: r.collect() }
+    }
+
+    fn solve(&self, control: &RunControl<'_>) -> mmae::Result<Solutions> {
+        let (n, m, len) = (self.n, self.m, self.len);
+        let riccati =
+            Riccati { n, m, len, A: &self.a, B: &self.b, Q: &self.q, R: &self.r, S: None };
+        match self.equation {
+            Equation::Care => solve::care_with(&riccati, control),
+            Equation::Dare => solve::dare_with(&riccati, control),
+        }
+    }
+
+    /// Solves the batch; every item must be solved, verified and exact.
+    fn pass(&self, control: &RunControl<'_>) -> Any<Pass> {
+        let solutions = self.solve(control)?;
+        for (k, item) in solutions.items.iter().enumerate() {
+            if let Err(error) = &item.status {
+                return Err(format!("item {k}: {error}").into());
+            }
+            // Written so that NaN fails.
+            if !(item.residual <= RESIDUAL && item.margin > 0.0) {
+                let (residual, margin) = (item.residual, item.margin);
+                return Err(format!("item {k}: residual {residual:e}, margin {margin:e}").into());
+            }
+        }
+        let checked = CHECKED.min(self.len);
+        let trace = |k: usize| -> f64 {
+            (0..self.n).map(|i| solutions.x[(k * self.n + i) * self.n + i]).sum()
+        };
+        let checksum = (0..checked).map(trace).sum::<f64>() / checked as f64;
+        Ok(Pass { items: self.len, checksum })
+    }
+}
+
+/// One run of a case: how many items, and a number to compare.
+struct Pass {
+    items: usize,
+    checksum: f64,
+}
+
+type Run = Box<dyn Fn(&RunControl<'_>) -> Any<Pass>>;
+
+/// Every case: its name, and what runs it once.
+fn cases(test: bool) -> Vec<(String, Run)> {
+    let kinds = [("care", Equation::Care), ("dare", Equation::Dare)];
+    let mut out: Vec<(String, Run)> = Vec::new();
+    for (name, equation) in kinds {
+        for n in [4, 8, 12] {
+            let len = if test { CHECKED } else { 16_384 / n };
+            // Made on first use: a run of one case does not wait for the others.
+            let batch = std::cell::OnceCell::new();
+            let run = move |control: &RunControl<'_>| {
+                batch.get_or_init(|| Batch::new(equation, n, len)).pass(control)
+            };
+            out.push((format!("{name}_n{n}"), Box::new(run)));
+        }
+    }
+    out
+}
+
+/// What the arguments ask for.
+struct Arguments {
+    json: bool,
+    test: bool,
+    list: bool,
+    only: Vec<String>,
+    seconds: f64,
+    rounds: usize,
+    threads: usize,
+}
+
+fn arguments() -> Any<Arguments> {
+    let mut out = Arguments {
+        json: false,
+        test: false,
+        list: false,
+        only: vec![],
+        seconds: 1.0,
+        rounds: 5,
+        threads: 1,
+    };
+    let mut bench = false;
+    let mut rest = std::env::args().skip(1);
+    while let Some(argument) = rest.next() {
+        let mut value = || rest.next().ok_or(format!("{argument} needs a value"));
+        match argument.as_str() {
+            "--json" => out.json = true,
+            "--test" => out.test = true,
+            "--list" => out.list = true,
+            "--case" => out.only.push(value()?),
+            "--seconds" => out.seconds = value()?.parse()?,
+            "--rounds" => out.rounds = value()?.parse()?,
+            "--threads" => out.threads = value()?.parse()?,
+            "--bench" => bench = true,
+            other => return Err(format!("{other} is not known; see the top of the file").into()),
+        }
+    }
+    // `cargo bench` says --bench, `cargo test` says nothing.
+    out.test |= !(bench || out.json || out.list);
+    Ok(out)
+}
+
+/// Items per second of the best round; and the checksum. The rounds share the seconds.
+fn measure(run: &Run, control: &RunControl<'_>, asked: &Arguments) -> Any<(f64, f64)> {
+    let checksum = run(control)?.checksum;
+    let slice = asked.seconds / asked.rounds as f64;
+    let mut best = 0.0_f64;
+    for _ in 0..asked.rounds {
+        let (mut items, start) = (0, Instant::now());
+        loop {
+            let pass = run(control)?;
+            if pass.checksum.to_bits() != checksum.to_bits() {
+                return Err("two passes over the same problems differ".into());
+            }
+            items += pass.items;
+            let spent = start.elapsed().as_secs_f64();
+            if spent >= slice {
+                best = best.max(items as f64 / spent);
+                break;
+            }
+        }
+    }
+    Ok((best, checksum))
+}
+
+fn main() -> Any<()> {
+    let asked = arguments()?;
+    let control = RunControl::default().threads(asked.threads);
+    let mut lines = Vec::new();
+    for (name, run) in cases(asked.test) {
+        if !asked.only.is_empty() && !asked.only.contains(&name) {
+            continue;
+        }
+        if asked.list {
+            println!("{name}");
+            continue;
+        }
+        let outcome = if asked.test {
+            run(&control).map(|pass| (0.0, pass.checksum))
+        } else {
+            measure(&run, &control, &asked)
+        };
+        let (rate, checksum) = outcome.map_err(|e| format!("{name}: {e}"))?;
+        match (asked.json, asked.test) {
+            (true, _) => {
+                lines.push(format!(
+                    "\"{name}\": {{\"rate\": {rate:e}, \"checksum\": {checksum:e}}}"
+                ));
+            }
+            (false, true) => println!("{name}: ok"),
+            (false, false) => println!("{name:<14} {rate:10.3e} /s   checksum {checksum:.15e}"),
+        }
+    }
+    if asked.json {
+        println!("{{{}}}", lines.join(", "));
+    }
+    Ok(())
+}

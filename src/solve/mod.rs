@@ -6,11 +6,13 @@ mod batch;
 mod fallback;
 #[allow(dead_code, unused_imports, reason = "the linear equations that use the rest come next")]
 pub(crate) mod lanes;
+mod modes;
 #[allow(dead_code, reason = "the linear equations come next")]
 mod problem;
 mod report;
 mod riccati;
 
+pub use modes::{Mode, Region, unseen_mode};
 pub use problem::{Care, Dare, Lyapunov, Riccati, Sylvester};
 pub use report::{ItemReport, Method, Solution, Solutions};
 pub use riccati::{care, care_on, care_one, care_with, dare, dare_on, dare_one, dare_with};

@@ -29,6 +29,7 @@ mod powers;
 mod riccati;
 mod smith;
 
+pub(crate) use balance::balance;
 pub(crate) use doubling::Coefficients;
 pub(crate) use powers::{Cayley, Powers, gamma_of};
 pub(crate) use riccati::{Block, Data, Kind};

@@ -8,8 +8,10 @@ use crate::report::{plain, significant};
 
 /// Columns of the text.
 const WIDTH: usize = 80;
-/// Lines of a list that is cut short after this many.
+/// Lines of a list of examples.
 const LONG: usize = 6;
+/// Lines of a table; what is longer is for programs.
+const TABLE: usize = 400;
 
 /// The study as text: who wins where, boundaries, what could not be computed
 /// and how well two independent routes agree.
@@ -80,7 +82,7 @@ fn models(out: &mut String, sets: &EipSets, case: &Case) {
     head.push(right("share"));
     head.push(left("its Upsilon there"));
     table.row(head);
-    for (i, model) in sets.models.iter().enumerate() {
+    for (i, model) in sets.models.iter().enumerate().take(TABLE) {
         let mut row = vec![right(&(i + 1).to_string())];
         row.extend(model.values[..shown].iter().map(|v| left(&plain(*v))));
         if labelled {
@@ -111,6 +113,7 @@ fn models(out: &mut String, sets: &EipSets, case: &Case) {
         table.drop_last(table.columns() - 1);
     }
     table.print(out);
+    cut(out, n, TABLE);
 }
 
 fn boundaries(out: &mut String, sets: &EipSets, case: &Case) {
@@ -121,7 +124,7 @@ fn boundaries(out: &mut String, sets: &EipSets, case: &Case) {
     let mut table = Table::default();
     let name = &sets.grid.axes()[0].0;
     table.row(vec![left("boundary"), left(name), left("uncertainty"), left("models")]);
-    for (k, b) in case.boundaries.iter().enumerate() {
+    for (k, b) in case.boundaries.iter().enumerate().take(TABLE) {
         table.row(vec![
             right(&(k + 1).to_string()),
             left(&summary::boundary_value(b)),
@@ -130,6 +133,7 @@ fn boundaries(out: &mut String, sets: &EipSets, case: &Case) {
         ]);
     }
     table.print(out);
+    cut(out, case.boundaries.len(), TABLE);
 }
 
 fn closest(out: &mut String, sets: &EipSets, case: &Case) {
@@ -184,7 +188,7 @@ fn unstable(out: &mut String, sets: &EipSets, case: &Case) {
         ]);
     }
     table.print(out);
-    cut(out, case.unstable.len());
+    cut(out, case.unstable.len(), LONG);
 }
 
 fn undecidable(out: &mut String, sets: &EipSets) {
@@ -218,7 +222,7 @@ fn undecidable(out: &mut String, sets: &EipSets) {
     line(out, "Undecidable sets (the winner depends on the delay):");
     let mut table = Table::default();
     table.row(vec![right("set"), left(name), left("width"), left("models")]);
-    for (k, u) in sets.undecidable.iter().enumerate() {
+    for (k, u) in sets.undecidable.iter().enumerate().take(TABLE) {
         let all: Vec<_> = sets.cases.iter().flat_map(|c| c.boundaries.iter().copied()).collect();
         let end = |v| summary::end_point(v, &all);
         let (from, to) = (u.interval.from, u.interval.to);
@@ -230,6 +234,7 @@ fn undecidable(out: &mut String, sets: &EipSets) {
         ]);
     }
     table.print(out);
+    cut(out, sets.undecidable.len(), TABLE);
 }
 
 fn bad_models(out: &mut String, sets: &EipSets) {
@@ -308,9 +313,9 @@ pub(crate) fn method_name(method: Method) -> &'static str {
     }
 }
 
-fn cut(out: &mut String, total: usize) {
-    if total > LONG {
-        out.push_str(&format!("  ... and {} more\n", total - LONG));
+fn cut(out: &mut String, total: usize, shown: usize) {
+    if total > shown {
+        out.push_str(&format!("  ... and {} more\n", total - shown));
     }
 }
 

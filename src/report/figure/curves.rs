@@ -19,6 +19,8 @@ const MARGIN: f64 = 84.0;
 const DENSE: usize = 2000;
 /// With more models than this, losing curves fade and circles are left out.
 const CROWD: usize = 24;
+/// With more models than this, only winning stretches are drawn.
+const THRONG: usize = 200;
 /// Losing curves are cut this far above the envelope of the winners.
 const HEADROOM: f64 = 300.0;
 
@@ -184,6 +186,9 @@ fn notes(sets: &EipSets, labelled: usize, unnamed: usize) -> Vec<String> {
     let drawn = sets.models.len() - failed.len();
     if labelled > 0 && labelled < drawn {
         notes.push(format!("{labelled} of {drawn} curves are labelled."));
+    }
+    if sets.models.len() > THRONG {
+        notes.push("Curves are drawn where they win.".into());
     }
     if unnamed > 0 {
         notes.push(format!("{unnamed} boundaries are in the text and JSON results."));
@@ -396,7 +401,9 @@ impl Panel<'_> {
         for i in 0..self.sets.models.len() {
             let points: Vec<(f64, f64)> = self.points(i);
             let color = Color::of(i);
-            if let Some(path) = canvas::polyline(thinned(&points, self.main.x)) {
+            if self.sets.models.len() <= THRONG
+                && let Some(path) = canvas::polyline(thinned(&points, self.main.x))
+            {
                 let crowd = self.sets.models.len() > CROWD;
                 let (color, thickness) = if crowd { (color.pale(0.6), 1.0) } else { (color, 1.8) };
                 let mut path = path.set("stroke", color).set("stroke-width", thickness);

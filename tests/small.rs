@@ -2,7 +2,7 @@
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
-use mmae::small::{self, Const, Dyn};
+use mmae::small::{self, Const, Cx, Dyn};
 use proptest::prelude::*;
 
 fn naive(m: usize, k: usize, n: usize, a: &[f64], b: &[f64]) -> Vec<f64> {
@@ -54,6 +54,8 @@ fn system() -> impl Strategy<Value = (usize, usize, Vec<f64>, Vec<f64>, Vec<f64>
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
     #[test]
     fn products((m, k, n, a, b, c) in factors()) {
         let (dm, dk, dn) = (Dyn(m), Dyn(k), Dyn(n));
@@ -199,4 +201,91 @@ fn matrices_without_a_cholesky_factor_are_told_apart() {
 #[should_panic(expected = "product: slices do not fit 2x2 times 2x2")]
 fn wrong_sizes_panic_with_the_sizes() {
     small::mul(Dyn(2), Dyn(2), Dyn(2), &[1.0; 4], &[1.0; 3], &mut [0.0; 4]);
+}
+
+/// A table of `exp(A)` computed with 100 digits and more. The error of scaling
+/// and squaring grows with the norm, up to where powers say otherwise.
+#[test]
+fn matrix_exponentials_match_a_table() {
+    let table: serde_json::Value = serde_json::from_str(include_str!("data/expm.json")).unwrap();
+    let numbers = |v: &serde_json::Value| -> Vec<f64> {
+        v.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+    };
+    for row in table.as_array().unwrap() {
+        let (a, e) = (numbers(&row["a"]), numbers(&row["e"]));
+        let n = row["n"].as_u64().unwrap() as usize;
+        let mut out = vec![f64::NAN; n * n];
+        let mut work = vec![f64::NAN; small::expm_work(n)];
+        assert!(small::expm(Dyn(n), &a, &mut out, &mut work), "{}", row["name"]);
+        let difference: Vec<f64> = out.iter().zip(&e).map(|(x, y)| x - y).collect();
+        let error = small::norm_frobenius(&difference) / small::norm_frobenius(&e);
+        let norm = small::norm_1(Dyn(n), Dyn(n), &a);
+        let bound = (1e-15 * (1.0 + norm)).min(1e-13);
+        assert!(error <= bound, "{}: {error:e} > {bound:e}", row["name"]);
+    }
+}
+
+#[test]
+fn the_exponential_of_zero_is_exactly_one() {
+    let mut e = [f64::NAN; 9];
+    let mut work = vec![f64::NAN; small::expm_work(3)];
+    assert!(small::expm(Const::<3>, &[0.0; 9], &mut e, &mut work));
+    assert_eq!(e, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+}
+
+#[test]
+fn an_exponential_that_overflows_is_told() {
+    let mut work = vec![0.0; small::expm_work(2)];
+    let mut e = [0.0; 4];
+    assert!(!small::expm(Const::<2>, &[800.0, 0.0, 0.0, 1.0], &mut e, &mut work));
+    for bad in [f64::NAN, f64::INFINITY] {
+        assert!(!small::expm(Const::<2>, &[1.0, bad, 0.0, 1.0], &mut e, &mut work));
+        assert_eq!(e, [1.0, 0.0, 0.0, 1.0]);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn complex_systems((n, r, a, b, x) in system()) {
+        let zip = |re: &[f64], im: &[f64]| -> Vec<Cx<f64>> {
+            re.iter().zip(im).map(|(&re, &im)| Cx::new(re, im)).collect()
+        };
+        let matrix = zip(&a, &b);
+        let wanted = zip(&x, &x.iter().rev().copied().collect::<Vec<_>>());
+        let mut rhs = vec![Cx::zero(); n * r];
+        for i in 0..n {
+            for p in 0..n {
+                for j in 0..r {
+                    rhs[i * r + j] = matrix[i * n + p].mul_add(wanted[p * r + j], rhs[i * r + j]);
+                }
+            }
+        }
+        let mut solution = rhs.clone();
+        prop_assert!(small::cx_solve(Dyn(n), Dyn(r), &mut matrix.clone(), &mut solution));
+        let size = solution.iter().fold(1.0_f64, |s, z| s.max(z.abs1()));
+        for i in 0..n {
+            for j in 0..r {
+                let residual = (0..n).fold(rhs[i * r + j], |sum, p| {
+                    matrix[i * n + p].neg_mul_add(solution[p * r + j], sum)
+                });
+                prop_assert!(residual.abs1() < 1e-14 * n as f64 * size);
+            }
+        }
+    }
+
+    #[test]
+    fn complex_arithmetic(a in -9.0..9.0_f64, b in -9.0..9.0_f64, c in -9.0..9.0_f64, e in -900..900_i32) {
+        let (x, y) = (Cx::new(a, b), Cx::new(c, a - b));
+        let tiny = |z: Cx<f64>| z.abs1() < 1e-13;
+        prop_assert!(tiny(x.mul_add(y, x) - (x * y + x)));
+        prop_assert!(tiny(x.neg_mul_add(y, x) - (x - x * y)));
+        prop_assert!((x.norm_sqr() - (x * x.conj()).re).abs() < 1e-13);
+        // Scaling by powers of two far outside the range of squares is exact.
+        let far = x.scale(2_f64.powi(e));
+        let one = far * far.recip() - Cx::real(1.0);
+        prop_assert!(x.abs1() == 0.0 || tiny(one), "{one:?}");
+        prop_assert!(x.abs1() == 0.0 || tiny(far / far - Cx::real(1.0)));
+    }
 }

@@ -1,9 +1,9 @@
 //! Every tier gives the bits of the scalar oracle, whatever the numbers: zeros,
 //! subnormals, infinities and NaN included (payloads and signs of NaN excepted).
 
-use mmae::real::{Mask, Real, Tier};
+use mmae::real::{Mask, Real, Tier, exp, ln, sin_cos};
 use mmae::simd::{Block, Kernel, LANES, dispatch_on, groups, load_group, store_group};
-use mmae::small::{self, Const, Dim, Dyn};
+use mmae::small::{self, Const, Cx, Dim, Dyn};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
@@ -207,13 +207,80 @@ fn masks_see_every_lane() {
     }
 }
 
-/// All of `small` on square and rectangular matrices of order `n`.
-struct Algebra<N, M> {
-    n: N,
-    m: M,
+struct Elementary;
+impl Case for Elementary {
+    fn n_out(&self) -> usize {
+        4
+    }
+    #[inline(always)]
+    fn call<T: Real>(&self, input: &[T], out: &mut [T]) {
+        let x = input[0];
+        let (s, c) = sin_cos(x);
+        out.copy_from_slice(&[exp(x), ln(x), s, c]);
+    }
 }
 
-impl<N: Dim, M: Dim> Case for Algebra<N, M> {
+#[test]
+fn elementary_functions() {
+    let mut rng = StdRng::seed_from_u64(4);
+    let mut points = SPECIAL.to_vec();
+    for _ in 0..20_000 {
+        let scale: i32 = rng.random_range(-1074..1023);
+        points.push(random(&mut rng) * 2_f64.powi(scale));
+        points.push(random(&mut rng) * 2_f64.powi(scale % 24));
+    }
+    for eight in points.chunks_exact(LANES) {
+        check("elementary", &Elementary, &[Block(std::array::from_fn(|l| eight[l]))]);
+    }
+}
+
+/// Matrix exponential and complex systems of order `n`.
+struct Larger(usize);
+impl Case for Larger {
+    fn n_out(&self) -> usize {
+        3 * self.0 * self.0 + 2
+    }
+    #[inline(always)]
+    fn call<T: Real>(&self, input: &[T], out: &mut [T]) {
+        let n = self.0;
+        let (a, b) = input.split_at(n * n);
+        let nan = T::splat(f64::NAN);
+        let mut work = vec![nan; small::expm_work(n)];
+        let (e, rest) = out.split_at_mut(n * n);
+        let finite = small::expm(Dyn(n), a, e, &mut work);
+        let mut matrix: Vec<_> = a.iter().zip(b).map(|(&re, &im)| Cx::new(re, im)).collect();
+        let mut x: Vec<_> = b.iter().zip(a).map(|(&re, &im)| Cx::new(re, im)).collect();
+        let ok = small::cx_solve(Dyn(n), Dyn(n), &mut matrix, &mut x);
+        for (two, z) in rest.chunks_exact_mut(2).zip(&x) {
+            two.copy_from_slice(&[z.re, z.im]);
+        }
+        rest[2 * n * n..].copy_from_slice(&[flag(finite), flag(ok)]);
+    }
+}
+
+#[test]
+fn exponentials_and_complex_systems() {
+    let mut rng = StdRng::seed_from_u64(5);
+    for n in 1..=17 {
+        let mut input = troubled(&mut rng, 2 * n * n);
+        for block in &mut input {
+            // Scalings that differ between lanes.
+            block.0[0] *= 40.0;
+            block.0[7] *= 1e-3;
+        }
+        let out = check(&format!("order {n}"), &Larger(n), &input);
+        let finite = out[3 * n * n].0;
+        assert!(finite[0] == 1.0 && finite[4] == 1.0, "{finite:?}");
+    }
+}
+
+/// All of `small` on square and rectangular matrices of order `n`.
+struct Algebra {
+    n: Dyn,
+    m: Dyn,
+}
+
+impl Case for Algebra {
     fn n_out(&self) -> usize {
         let (n, m) = (self.n.get(), self.m.get());
         12 * n * n + 11 * n * m + n + 10
@@ -301,17 +368,6 @@ impl<N: Dim, M: Dim> Case for Algebra<N, M> {
     }
 }
 
-#[track_caller]
-fn algebra<N: Dim, M: Dim>(n: N, m: M, input: &[Block]) {
-    let (dn, dm) = (Dyn(n.get()), Dyn(m.get()));
-    let name = format!("algebra {dn:?} {dm:?}");
-    let dynamic = check(&name, &Algebra { n: dn, m: dm }, input);
-    let fixed = check(&name, &Algebra { n, m }, input);
-    for (x, y) in dynamic.iter().zip(&fixed) {
-        assert!(x.0.iter().zip(&y.0).all(|(&x, &y)| same(x, y)), "{name}: Const and Dyn differ");
-    }
-}
-
 #[test]
 fn algebra_of_every_size() {
     let mut rng = StdRng::seed_from_u64(2);
@@ -323,10 +379,57 @@ fn algebra_of_every_size() {
     }
 }
 
+/// The functions that unroll when sizes are fixed.
+struct Unrolled<N, M> {
+    n: N,
+    m: M,
+}
+
+impl<N: Dim, M: Dim> Case for Unrolled<N, M> {
+    fn n_out(&self) -> usize {
+        let (n, m) = (self.n.get(), self.m.get());
+        2 * n * n + 3 * n * m
+    }
+    #[inline(always)]
+    fn call<T: Real>(&self, input: &[T], out: &mut [T]) {
+        let (dn, dm) = (self.n, self.m);
+        let (n, m) = (dn.get(), dm.get());
+        let (a, f) = input.split_at(n * n);
+        let (symmetric, rest) = out.split_at_mut(n * n);
+        let (lu, rest) = rest.split_at_mut(n * n);
+        let (product, rest) = rest.split_at_mut(n * m);
+        let (solution, other) = rest.split_at_mut(n * m);
+        let nan = T::splat(f64::NAN);
+        small::mul(dn, dn, dm, a, f, product);
+        solution.copy_from_slice(f);
+        lu.copy_from_slice(a);
+        let _ = small::solve(dn, dm, lu, solution, &mut vec![nan; n]);
+        small::sym_update(dn, dn, a, a, a, symmetric, &mut vec![nan; n * n]);
+        let mut l = symmetric.to_vec();
+        let _ = small::cholesky(dn, &mut l);
+        other.copy_from_slice(f);
+        small::cholesky_solve(dn, dm, &l, other);
+    }
+}
+
+/// Fixed sizes on every tier against the oracle with run-time sizes.
+#[track_caller]
+fn unrolled<N: Dim, M: Dim>(rng: &mut StdRng, n: N, m: M) {
+    let (dn, dm) = (Dyn(n.get()), Dyn(m.get()));
+    let input = troubled(rng, dn.get() * (dn.get() + dm.get()));
+    let name = format!("unrolled {n:?} {m:?}");
+    let fixed = check(&name, &Unrolled { n, m }, &input);
+    let dynamic = dispatch_on(Tier::Scalar, OnBlocks(&Unrolled { n: dn, m: dm }, &input)).unwrap();
+    for (x, y) in fixed.iter().zip(&dynamic) {
+        assert!(x.0.iter().zip(&y.0).all(|(&x, &y)| same(x, y)), "{name}: Const and Dyn differ");
+    }
+}
+
 #[test]
 fn fixed_and_run_time_sizes_agree() {
-    let mut rng = StdRng::seed_from_u64(3);
-    let mut input = |n: usize, m: usize| troubled(&mut rng, 2 * n * n + n * m);
-    algebra(Const::<3>, Const::<2>, &input(3, 2));
-    algebra(Const::<2>, Const::<2>, &input(2, 2));
+    let rng = &mut StdRng::seed_from_u64(3);
+    unrolled(rng, Const::<1>, Const::<1>);
+    unrolled(rng, Const::<3>, Const::<2>);
+    unrolled(rng, Const::<4>, Const::<4>);
+    unrolled(rng, Const::<5>, Const::<6>);
 }

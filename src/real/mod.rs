@@ -14,11 +14,15 @@
 //! [`Real::select`], and only [`Mask::any`] and [`Mask::all`] may steer control
 //! flow, where both ways give the same bits.
 
+mod math;
 mod scalar;
 mod tier;
+mod trig;
 
+pub use math::{exp, ln};
 pub(crate) use scalar::{TWO_52, TWO_52_BIASED};
 pub use tier::Tier;
+pub use trig::sin_cos;
 
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};

@@ -9,7 +9,9 @@
 
 mod basic;
 mod cholesky;
+mod complex;
 mod dim;
+mod expm;
 mod lu;
 mod product;
 mod tile;
@@ -20,7 +22,9 @@ pub use basic::{
     symmetrize, trace, transpose,
 };
 pub use cholesky::{cholesky, cholesky_solve};
+pub use complex::{Cx, cx_solve};
 pub use dim::{Const, Dim, Dyn};
+pub use expm::{expm, expm_work};
 pub use lu::{LuInfo, inverse, lu_factor, lu_solve, solve};
 pub use product::{
     mul, mul_add, mul_add_nt, mul_add_tn, mul_nt, mul_sub, mul_sub_nt, mul_sub_tn, mul_tn, sym_mul,

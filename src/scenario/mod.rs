@@ -34,6 +34,7 @@ mod surroundings;
 mod table;
 mod template;
 
+use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -62,6 +63,13 @@ pub struct Scenario {
     settings: Option<Settings>,
     warnings: Vec<Diagnostic>,
     places: Places,
+}
+
+impl fmt::Debug for Scenario {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown = f.debug_struct("Scenario");
+        shown.field("file", &self.places.file).field("title", &self.title).finish_non_exhaustive()
+    }
 }
 
 impl Scenario {

@@ -164,8 +164,8 @@ fn after_string(bytes: &[u8], at: usize, quote: u8) -> usize {
             b if b == quote && !long => return i + 1,
             b if b == quote && bytes[i..].starts_with(&triple) => {
                 // up to two quotes may stand before the closing three
-                let run = bytes[i..].iter().take_while(|&&b| b == quote).count();
-                return i + run.min(5);
+                let run = bytes[i..].iter().take(5).take_while(|&&b| b == quote).count();
+                return i + run;
             }
             _ => {}
         }

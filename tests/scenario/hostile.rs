@@ -83,6 +83,14 @@ fn wide_files() {
 }
 
 #[test]
+fn long_runs_of_one_character() {
+    // the search for the end of a string must not start over at every quote
+    for unit in ["\"", "'", "\"\"\"a", "a.b=", "[plant.a]\n", "a=1#\n", "-", "[[a]]\n"] {
+        refused(&unit.repeat(1_000_000 / unit.len()));
+    }
+}
+
+#[test]
 fn too_many_expressions() {
     let n = 80;
     let names =

@@ -118,6 +118,12 @@ pub enum Error {
         /// Iterations spent.
         iterations: u32,
     },
+    /// A matrix that must be inverted is singular.
+    #[error("{what} is singular to working precision: check for redundant states or equations")]
+    Singular {
+        /// The matrix.
+        what: String,
+    },
     /// A Lyapunov or Sylvester equation whose coefficient is not stable.
     #[error(
         "{what}: the coefficient is not stable, so the stationary covariance does not exist: stabilise the system first"

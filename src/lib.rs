@@ -23,5 +23,7 @@ pub mod cli;
 #[cfg(feature = "cli")]
 pub mod report;
 
+pub mod guide;
+
 pub use error::{Error, Result};
 pub use faer::{Mat, MatRef, mat};

@@ -18,7 +18,7 @@ const ROWS: [Row; 8] = [
 ];
 
 /// faer is a container everywhere; its algorithms stay behind `solve/backend`.
-const FAER_TYPES: [&str; 4] = ["Mat", "MatRef", "MatMut", "mat"];
+const FAER_TYPES: [&str; 5] = ["Mat", "MatRef", "MatMut", "Scale", "mat"];
 const FAER_VERBS: [&str; 12] = [
     ".eigenvalues(",
     ".eigen(",

@@ -50,7 +50,7 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
 }
 
 /// The error that the run would end with.
-fn over(study: &Study<'_>, cost: &Cost) -> Error {
+fn over(study: &Study, cost: &Cost) -> Error {
     Error::Limit {
         what: "the study".into(),
         bytes: cost.bytes,
@@ -63,7 +63,7 @@ fn print_text(
     out: &mut dyn Write,
     name: &str,
     title: Option<&str>,
-    study: &Study<'_>,
+    study: &Study,
     cost: &Cost,
 ) -> io::Result<()> {
     let names = study.family.names();
@@ -167,7 +167,7 @@ impl<'a> Place<'a> {
 }
 
 impl<'a> Report<'a> {
-    fn new(file: &'a str, study: &Study<'_>, cost: &Cost, warnings: &'a [Diagnostic]) -> Self {
+    fn new(file: &'a str, study: &Study, cost: &Cost, warnings: &'a [Diagnostic]) -> Self {
         let narrow = |n: u128| u64::try_from(n).unwrap_or(u64::MAX);
         let size = Size {
             plants: cost.plants,

@@ -1,10 +1,21 @@
 //! Sets of equivalently identified plants (EIP): which model of a bank each
 //! plant of a parameter grid would be identified as.
 
+mod cost;
+mod doubling;
+mod engine;
+mod frequency;
+mod modal;
 mod result;
+mod root;
+mod run;
+mod sets;
+mod setup;
 mod study;
 
+pub use crate::observer::ModelSet as Bank;
 pub use result::{
     Boundary, Case, Convention, EipSets, Interval, Method, Model, Undecidable, Unstable,
 };
-pub use study::{Bank, Cost, Study, Verify};
+pub use setup::Setup;
+pub use study::{Cost, Study, Verify};

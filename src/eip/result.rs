@@ -144,9 +144,48 @@ pub struct EipSets {
     pub cases: Vec<Case>,
     /// One parameter, several delays: where the winner depends on the delay.
     pub undecidable: Vec<Undecidable>,
-    /// Pseudo-norm `|Upsilon_i - Upsilon_j|` with the plant at nominal value
-    /// `j` (row `j`, column `i`; Hassani et al. 2009, eq. 21); NaN where not defined.
-    pub pseudo_norm: Vec<f64>,
+    /// Upsilon of model `i` (column) with the plant at the nominal value of
+    /// model `j` (row), for the first delay; NaN where not defined. The
+    /// diagonal is the matched Upsilon.
+    pub at_nominals: Vec<f64>,
     /// How the couplings were computed.
     pub method: Method,
+}
+
+impl EipSets {
+    /// Pseudo-norm between models `i` and `j` with the plant at the nominal
+    /// value of model `k`.
+    ///
+    /// ```text
+    /// d(i, j) = |Upsilon_i - Upsilon_j|
+    /// ```
+    ///
+    /// # Source
+    /// Hassani et al. (2009), eq. (21).
+    ///
+    /// # Panics
+    /// If an index is past the models.
+    pub fn pseudo_norm(&self, k: usize, i: usize, j: usize) -> f64 {
+        let n = self.models.len();
+        assert!(i < n && j < n && k < n, "indices {k}, {i}, {j} of {n} models");
+        (self.at_nominals[k * n + i] - self.at_nominals[k * n + j]).abs()
+    }
+
+    /// The pseudo-norms `d(i, j)` with the plant at the nominal value of model
+    /// `j`: row `j`, column `i`; NaN where not defined.
+    pub fn pseudo_norms(&self) -> Vec<f64> {
+        let n = self.models.len();
+        (0..n * n).map(|k| self.pseudo_norm(k / n, k % n, k / n)).collect()
+    }
+
+    /// The model that a plant at `value` is identified as in case `case`, for
+    /// a study of one parameter; `None` outside the grid and where the loop is
+    /// unstable.
+    ///
+    /// # Panics
+    /// If there is no such case.
+    pub fn model_at(&self, case: usize, value: f64) -> Option<usize> {
+        let inside = |i: &Interval| i.from <= value && value <= i.to;
+        self.cases[case].sets.iter().position(|set| set.iter().any(inside))
+    }
 }

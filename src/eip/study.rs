@@ -1,38 +1,18 @@
-//! A study: family, surroundings, bank, grid; checked, costed, run.
+//! A study: family, surroundings, models, grid; checked, costed, run.
 
-use faer::Mat;
+use std::sync::Arc;
 
+use crate::eip::setup::Setup;
 use crate::eip::{Convention, EipSets, Method};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::model::{Family, Grid, Surroundings};
-use crate::observer::ObserverKind;
+use crate::observer::ModelSet;
 use crate::par::RunControl;
-
-/// The bank of a study: its observer and one parameter vector a model.
-#[derive(Debug, Clone, PartialEq)]
-#[expect(non_snake_case, reason = "capital letters are matrices")]
-pub struct Bank {
-    /// The observer that every model runs.
-    pub observer: ObserverKind,
-    /// Names of the parameters in which the models differ.
-    pub parameters: Vec<String>,
-    /// One vector of values a model, in the order of `parameters`.
-    pub models: Vec<Vec<f64>>,
-    /// One label a model; empty for labels made from the values.
-    pub labels: Vec<String>,
-    /// Whether the design model carries the disturbance filter's state
-    /// (true), or takes the disturbance for white (false).
-    pub shaping: bool,
-    /// Disturbance weight of the design, in place of the plant's.
-    pub Q: Option<Mat<f64>>,
-    /// Measurement weight of the design, in place of the plant's.
-    pub R: Option<Mat<f64>>,
-}
 
 /// How many pairs are computed by both routes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Verify {
-    /// Every pair when that is cheap, an even sample otherwise.
+    /// Every pair of up to 512 plants, evenly spread over the grid.
     #[default]
     Auto,
     /// Every pair.
@@ -63,13 +43,16 @@ pub struct Cost {
 }
 
 /// An EIP study, ready to run.
-pub struct Study<'a> {
+///
+/// [`Study::new`] gives the usual settings; the fields change them.
+#[derive(Clone)]
+pub struct Study {
     /// The plants.
-    pub family: &'a dyn Family,
+    pub family: Arc<dyn Family>,
     /// What surrounds them.
     pub surroundings: Surroundings,
     /// The models.
-    pub bank: Bank,
+    pub bank: ModelSet,
     /// The parameter values of the plants.
     pub grid: Grid,
     /// The measure.
@@ -84,20 +67,79 @@ pub struct Study<'a> {
     pub memory_limit: u128,
 }
 
-impl Study<'_> {
-    /// What the run will take, without running it.
+impl Study {
+    /// A study without surroundings and delay: Ito convention for continuous
+    /// plants, Baram's for discrete ones, 4 GiB at most.
+    pub fn new(family: Arc<dyn Family>, bank: ModelSet, grid: Grid) -> Self {
+        let convention = match family.time() {
+            crate::model::Time::Continuous => Convention::Ito,
+            crate::model::Time::Discrete { dt } => Convention::Baram { dt },
+        };
+        Self {
+            family,
+            surroundings: Surroundings::default(),
+            bank,
+            grid,
+            convention,
+            delays: Vec::new(),
+            verify: Verify::Auto,
+            method: None,
+            memory_limit: 4 << 30,
+        }
+    }
+
+    /// What the run will take, without running it: evaluates one plant and
+    /// allocates nothing that grows with the grid.
     ///
     /// # Errors
-    /// As [`Study::run`], for what can be seen before the run.
+    /// Bad input that shows without running; `Limit` for a run over
+    /// `memory_limit`.
     pub fn cost(&self) -> Result<Cost> {
-        Err(crate::Error::Cancelled)
+        let (plants, models) = (self.grid.len(), self.bank.models.len());
+        let delays = self.delays.len().max(1);
+        let pairs = plants as u128 * models as u128 * delays as u128;
+        // upsilon and error, then winner, margin and bookkeeping of each plant
+        let bytes = pairs * 16 + plants as u128 * delays as u128 * 64;
+        if bytes > self.memory_limit {
+            return Err(Error::Limit {
+                what: format!("a study of {plants} plants, {models} models and {delays} delays"),
+                bytes,
+                limit: self.memory_limit,
+                key: "memory_limit",
+            });
+        }
+        let (order, model_order) = crate::eip::setup::orders(self)?;
+        let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));
+        let per_plant = Method::flops_per_plant(method, order, model_order, models);
+        Ok(Cost {
+            plants,
+            models,
+            delays,
+            order,
+            model_order,
+            bytes,
+            flops: per_plant * plants as f64 * delays as f64,
+            method,
+        })
+    }
+
+    /// Designs the observers and computes what does not depend on the plant.
+    ///
+    /// # Errors
+    /// Bad input: names, shapes, surroundings, a convention that does not fit.
+    /// A model that cannot be designed is no error: it is flagged.
+    pub fn prepare(&self) -> Result<Setup> {
+        self.cost()?;
+        Setup::new(self)
     }
 
     /// Runs the study.
     ///
     /// # Errors
-    /// Bad input, a grid over the memory limit, `Cancelled`.
-    pub fn run(&self, _control: &RunControl<'_>) -> Result<EipSets> {
-        Err(crate::Error::Cancelled)
+    /// Bad input, a grid over the memory limit, a plant that the family cannot
+    /// build, `Cancelled`. Unstable plants and failed models are reported in
+    /// the result.
+    pub fn run(&self, control: &RunControl<'_>) -> Result<EipSets> {
+        self.prepare()?.run(control)
     }
 }

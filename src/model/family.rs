@@ -18,7 +18,7 @@ pub struct Parameter {
 /// one whose entries are expressions; [`FnFamily`] wraps a closure.
 ///
 /// Every plant of a family has the same sizes and the same [`Time`].
-pub trait Family: Sync {
+pub trait Family: Send + Sync {
     /// The parameters, in the order of `theta`.
     fn parameters(&self) -> &[Parameter];
 
@@ -98,7 +98,7 @@ pub struct FnFamily<F> {
     build: F,
 }
 
-impl<F: Fn(&[f64]) -> Result<Plant> + Sync> FnFamily<F> {
+impl<F: Fn(&[f64]) -> Result<Plant> + Send + Sync> FnFamily<F> {
     /// A family with the given parameters (name, nominal value).
     pub fn new(parameters: &[(&str, f64)], names: Names, time: Time, build: F) -> Self {
         let parameters = parameters
@@ -109,7 +109,7 @@ impl<F: Fn(&[f64]) -> Result<Plant> + Sync> FnFamily<F> {
     }
 }
 
-impl<F: Fn(&[f64]) -> Result<Plant> + Sync> Family for FnFamily<F> {
+impl<F: Fn(&[f64]) -> Result<Plant> + Send + Sync> Family for FnFamily<F> {
     fn parameters(&self) -> &[Parameter] {
         &self.parameters
     }

@@ -14,10 +14,13 @@ mod grid;
 mod loop_block;
 mod plant;
 mod shaping;
+pub mod systems;
 
 pub use check::{check_covariance, check_finite, check_shape};
+pub use discretize::{DelayLine, Sampled, pade_delay, sample, van_loan};
 pub use family::{Family, FnFamily, Parameter, describe};
 pub use grid::{Axis, Grid};
-pub use loop_block::Surroundings;
+pub(crate) use loop_block::psd_factor;
+pub use loop_block::{DelayForm, Delayed, LoopBlock, Surroundings, block_states};
 pub use plant::{Controller, Names, Plant, Time};
 pub use shaping::Shaping;

@@ -108,6 +108,13 @@ impl Plant {
     /// `NotPositiveDefinite` (`R` in continuous time), `InvalidDt`: each names
     /// the matrix.
     pub fn check(&self) -> Result<()> {
+        self.check_matrices()?;
+        check_covariance("Q", self.Q.as_ref(), false)?;
+        check_covariance("R", self.R.as_ref(), self.time.is_continuous())
+    }
+
+    /// As [`Plant::check`] without the definiteness of `Q` and `R`.
+    pub(crate) fn check_matrices(&self) -> Result<()> {
         let (nx, nu, nw, ny) = (self.nx(), self.nu(), self.nw(), self.ny());
         if let Time::Discrete { dt } = self.time
             && !(dt > 0.0 && dt.is_finite())
@@ -130,8 +137,7 @@ impl Plant {
             check_shape(what, m.as_ref(), want)?;
             check_finite(what, m.as_ref())?;
         }
-        check_covariance("Q", self.Q.as_ref(), false)?;
-        check_covariance("R", self.R.as_ref(), self.time.is_continuous())
+        Ok(())
     }
 }
 

@@ -10,8 +10,10 @@
 //! state of the shaping filter, or change `Q` and `R`, before designing.
 
 mod design;
+mod model_set;
 
 pub use design::{Observer, design, design_with};
+pub use model_set::ModelSet;
 
 /// Which observer a bank runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

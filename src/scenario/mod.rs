@@ -129,7 +129,7 @@ impl Scenario {
     ///
     /// # Errors
     /// `Invalid` if one of the two is missing.
-    pub fn study(&self) -> Result<Study<'_>, Error> {
+    pub fn study(&self) -> Result<Study, Error> {
         let missing = |table: &str, remedy: &str| {
             Error::Invalid(vec![Diagnostic {
                 file: self.places.file.clone(),
@@ -148,7 +148,7 @@ impl Scenario {
             .as_ref()
             .ok_or_else(|| missing("eip", "add [eip] with grid, the plants of the study"))?;
         Ok(Study {
-            family: &*self.family,
+            family: self.family.clone(),
             surroundings: self.surroundings.clone(),
             bank: bank.clone(),
             grid: settings.grid.clone(),

@@ -8,8 +8,9 @@ use faer::linalg::evd::{
 };
 use faer::linalg::lu::partial_pivoting::{factor as lu, solve as lu_solve};
 use faer::linalg::qr::no_pivoting::{factor as qr, solve as qr_solve};
+use faer::prelude::Solve;
 use faer::prelude::default;
-use faer::{Mat, MatRef, Par};
+use faer::{Mat, MatRef, Par, Side};
 
 use crate::error::{Eigenvalue, Error, Result};
 
@@ -160,4 +161,27 @@ pub(crate) fn least_squares(mut a: Mat<f64>, mut b: Mat<f64>) -> Mat<f64> {
     let (basis, factor) = (a.as_ref(), reflectors.as_ref());
     qr_solve::solve_lstsq_in_place(basis, factor, basis, b.as_mut(), Par::Seq, stack);
     Mat::from_fn(cols, b.ncols(), |i, j| b[(i, j)])
+}
+
+/// Inverse of a symmetric positive definite matrix; `what` names it in errors.
+///
+/// # Errors
+/// `NotPositiveDefinite`.
+pub fn spd_inverse(what: &str, m: MatRef<'_, f64>) -> Result<Mat<f64>> {
+    let n = m.nrows();
+    let factor =
+        m.llt(Side::Lower).map_err(|_| Error::NotPositiveDefinite { what: what.into() })?;
+    let inverse = factor.solve(Mat::<f64>::identity(n, n));
+    Ok(Mat::from_fn(n, n, |i, j| 0.5 * (inverse[(i, j)] + inverse[(j, i)])))
+}
+
+/// `ln det` of a symmetric positive definite matrix; `what` names it in errors.
+///
+/// # Errors
+/// `NotPositiveDefinite`.
+pub fn spd_ln_det(what: &str, m: MatRef<'_, f64>) -> Result<f64> {
+    let factor =
+        m.llt(Side::Lower).map_err(|_| Error::NotPositiveDefinite { what: what.into() })?;
+    let l = factor.L();
+    Ok((0..m.nrows()).map(|i| 2.0 * libm::log(l[(i, i)])).sum())
 }

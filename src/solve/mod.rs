@@ -12,7 +12,7 @@ mod problem;
 mod report;
 mod riccati;
 
-pub use modes::{Mode, Region, unseen_mode};
+pub use modes::{Mode, Region, least_stable_mode, unseen_mode};
 pub use problem::{Care, Dare, Lyapunov, Riccati, Sylvester};
 pub use report::{ItemReport, Method, Solution, Solutions};
 pub use riccati::{care, care_on, care_one, care_with, dare, dare_on, dare_one, dare_with};

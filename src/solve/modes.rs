@@ -3,7 +3,7 @@
 
 use faer::{Mat, MatRef};
 
-use crate::error::{Eigenvalue, Result};
+use crate::error::{Eigenvalue, Error, Result};
 use crate::solve::backend;
 use crate::solve::lanes::balance;
 
@@ -98,15 +98,46 @@ pub fn unseen_mode(
         if !wanted || value.im < 0.0 || seen(&a, &c, value, size)? {
             continue;
         }
-        let part = |i: usize| {
-            let imaginary = if value.im > 0.0 { eigen.right[(i, k + 1)] } else { 0.0 };
-            eigen.right[(i, k)].hypot(imaginary)
-        };
-        let largest = (0..n).map(part).fold(f64::MIN_POSITIVE, f64::max);
-        let shares = (0..n).map(|i| part(i) / largest).collect();
-        return Ok(Some(Mode { eigenvalue: value, shares }));
+        return Ok(Some(Mode { eigenvalue: value, shares: shares(&eigen, k) }));
     }
     Ok(None)
+}
+
+/// The mode of `A` that decays least: the eigenvalue of largest real part, in
+/// discrete time of largest modulus (of a pair the member above the axis).
+///
+/// # Errors
+/// `Empty` without states, `NonFinite`; `Range` if eigenvalues cannot be
+/// computed.
+///
+/// # Examples
+/// ```
+/// use mmae::{mat, solve::least_stable_mode};
+/// let mode = least_stable_mode(mat![[-1.0, 0.0], [0.0, 2.0]].as_ref(), true)?;
+/// assert_eq!((mode.eigenvalue.re, mode.states(None).as_str()), (2.0, "x2"));
+/// # Ok::<(), mmae::Error>(())
+/// ```
+pub fn least_stable_mode(a: MatRef<'_, f64>, continuous: bool) -> Result<Mode> {
+    let n = a.nrows();
+    let (a, _) = balanced(a);
+    let eigen = backend::eigen(a.as_ref())?;
+    let growth = |v: &Eigenvalue| if continuous { v.re } else { v.re.hypot(v.im) };
+    let worst = (0..n)
+        .filter(|&k| eigen.values[k].im >= 0.0)
+        .max_by(|&i, &j| growth(&eigen.values[i]).total_cmp(&growth(&eigen.values[j])));
+    let Some(k) = worst else { return Err(Error::Empty { what: "A".into() }) };
+    Ok(Mode { eigenvalue: eigen.values[k], shares: shares(&eigen, k) })
+}
+
+/// Sizes of the states in eigenvector `k`, of a pair the first, the largest 1.
+fn shares(eigen: &backend::Eigen, k: usize) -> Vec<f64> {
+    let n = eigen.right.nrows();
+    let part = |i: usize| {
+        let imaginary = if eigen.values[k].im > 0.0 { eigen.right[(i, k + 1)] } else { 0.0 };
+        eigen.right[(i, k)].hypot(imaginary)
+    };
+    let largest = (0..n).map(part).fold(f64::MIN_POSITIVE, f64::max);
+    (0..n).map(|i| part(i) / largest).collect()
 }
 
 /// `D^-1 A D` with evened rows and columns, and the diagonal of `D`.

@@ -109,9 +109,9 @@ pub(crate) fn line_case(
     case
 }
 
-/// `|Upsilon_i - Upsilon_j|` at nominal `j`, from the parabolas.
-fn pseudo_norm(n: usize) -> Vec<f64> {
-    let d = |i: usize, j: usize| (i as f64 - j as f64).powi(2) * 71.25;
+/// Upsilon at the nominal values, from the parabolas.
+fn at_nominals(n: usize) -> Vec<f64> {
+    let d = |i: usize, j: usize| (i as f64 - j as f64).powi(2) * 71.25 + 20.0;
     (0..n * n).map(|k| d(k % n, k / n)).collect()
 }
 
@@ -121,7 +121,7 @@ fn line(parameter: &str, axis: Axis, nominals: &[f64], cases: Vec<Case>) -> EipS
         models: nominals.iter().map(|v| model(&[parameter], &[*v])).collect(),
         convention: Convention::Ito,
         grid: Grid::new(vec![(parameter.into(), axis)]).unwrap(),
-        pseudo_norm: pseudo_norm(nominals.len()),
+        at_nominals: at_nominals(nominals.len()),
         cases,
         undecidable: vec![],
         method: Method::Doubling,
@@ -338,7 +338,7 @@ fn product(axes: &[(&str, f64, f64, usize)]) -> EipSets {
     case.checked_pairs = 64;
     EipSets {
         parameters: names(&parameters),
-        pseudo_norm: pseudo_norm(models.len()),
+        at_nominals: at_nominals(models.len()),
         models,
         convention: Convention::Baram { dt: 0.001 },
         grid,

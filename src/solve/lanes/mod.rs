@@ -31,7 +31,7 @@ mod smith;
 
 pub(crate) use balance::balance;
 pub(crate) use doubling::Coefficients;
-pub(crate) use powers::{Cayley, Powers, gamma_of};
+pub(crate) use powers::{Cayley, Powers, gamma_of, splat};
 pub(crate) use riccati::{Block, Data, Kind};
 pub(crate) use smith::{
     lyapunov, lyapunov_dual, stein, stein_dual, stein_pair, stein_pair_nt, sylvester, sylvester_nt,

@@ -213,6 +213,48 @@ fn certify_discrete<T: Real>(p: &Powers<T>, f: &[T]) -> (T::Mask, T) {
     (positive & left.gt(T::splat(0.5)), margin)
 }
 
+impl Powers<f64> {
+    /// The same powers in every lane: the scalar has the bits of the lanes.
+    #[inline(always)]
+    pub(crate) fn splat<T: Real>(&self) -> Powers<T> {
+        Powers {
+            n: self.n,
+            f: splat(&self.f),
+            norms: splat(&self.norms),
+            stable: T::Mask::splat(self.stable),
+            bound: T::splat(self.bound),
+            exponent: T::splat(self.exponent),
+            squarings: T::splat(self.squarings),
+            decayed: T::Mask::splat(self.decayed),
+            certified: T::splat(self.certified),
+        }
+    }
+}
+
+impl Cayley<f64> {
+    /// The same transform in every lane.
+    #[inline(always)]
+    pub(crate) fn splat<T: Real>(&self) -> Cayley<T> {
+        Cayley {
+            gamma: T::splat(self.gamma),
+            inverse: splat(&self.inverse),
+            powers: self.powers.splat(),
+            work: Vec::new(),
+            perm: Vec::new(),
+        }
+    }
+}
+
+/// Numbers in every lane.
+#[inline(always)]
+pub(crate) fn splat<T: Real>(x: &[f64]) -> Vec<T> {
+    let mut out = vec![T::zero(); x.len()];
+    for (lane, &v) in out.iter_mut().zip(x) {
+        *lane = T::splat(v);
+    }
+    out
+}
+
 /// The Cayley transform of a stable matrix and its powers.
 ///
 /// ```text

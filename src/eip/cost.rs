@@ -1,0 +1,31 @@
+//! Which method a study takes, from a count of operations.
+
+use crate::eip::Method;
+
+/// Doublings of a usual study: modes spread over a factor of a hundred.
+const DOUBLINGS: f64 = 9.0;
+/// Cost of one flop of a dense eigendecomposition and of the scalar set-up
+/// around it, in flops of the lane kernels (measured, see the benches).
+const EIGEN_PENALTY: f64 = 60.0;
+
+impl Method {
+    /// The cheaper method for plant blocks of order `np`, observers of order
+    /// `n` and `models` models.
+    pub(crate) fn cheaper(np: usize, n: usize, models: usize) -> Method {
+        let cost = |method| Self::flops_per_plant(method, np, n, models);
+        if cost(Method::Modal) < cost(Method::Doubling) { Method::Modal } else { Method::Doubling }
+    }
+
+    /// Flops of one plant against all models, in flops of the lane kernels.
+    pub(crate) fn flops_per_plant(method: Method, np: usize, n: usize, models: usize) -> f64 {
+        let (p, n, models) = (np as f64, n as f64, models as f64);
+        let plant = 2.0 * p * p * p * (3.0 * DOUBLINGS + 4.0);
+        match method {
+            Method::Doubling => {
+                let step = 2.0 * p * n * (p + n);
+                plant + models * step * (DOUBLINGS + 3.0)
+            }
+            Method::Modal => plant + EIGEN_PENALTY * 25.0 * p * p * p + models * 30.0 * p * n,
+        }
+    }
+}

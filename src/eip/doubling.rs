@@ -1,0 +1,443 @@
+//! Energies of pairs by doubling: plants in lanes, powers shared by the models.
+//!
+//! One Lyapunov equation per plant (`X`), one dual per model (`Z`, in
+//! [`PairModel`]), one coupling per pair (`S`), the only solve of a pair:
+//!
+//! ```text
+//! A X + X A' + B B' = 0
+//! A S + S F' + X N' + B M' = 0
+//! tr(W E[eps eps']) = tr(W D X D') + tr(Z M M') + 2 tr((Z N + C' W D) S)
+//! N = E A - A_i E - B_i C_u - H D,  M = E B - H D_y - B_i D_u,  D = C_y - C_i E
+//! ```
+//!
+//! in the error coordinates `e = E x_p - x_hat` (which keep eleven digits where
+//! `[x_p, x_hat]` keep eight); `E` takes the leading states. In discrete time
+//!
+//! ```text
+//! A X A' - X + B B' = 0,   A S F' - S + A X N' + B M' = 0
+//! tr(W E[eps eps']) = tr(W D X D') + tr(Z (N X N' + M M')) + 2 tr((F' Z N + C' W D) S)
+//! ```
+//!
+//! Plant and model share one Cayley parameter, so their powers are made once
+//! each and a pair is a Smith sum over them. The error block's own covariance
+//! is never formed.
+//!
+//! Limited by fused multiply-adds: `np n (np + n)` of them a doubling and pair.
+
+use faer::{Mat, MatRef};
+
+use crate::eip::setup::PairModel;
+use crate::error::{Error, Result};
+use crate::model::{LoopBlock, Time};
+use crate::real::{Mask, Real};
+use crate::simd::{self, Kernel};
+use crate::small::{Dyn, dot, mul, mul_add_nt, mul_add_tn, mul_nt, mul_sub, sym_mul_nt};
+use crate::solve::lanes::{
+    Cayley, Powers, gamma_of, lyapunov, lyapunov_dual, splat, stein, stein_dual, stein_pair_nt,
+    sylvester_nt,
+};
+
+/// What the doubling knows before it meets a plant.
+pub(crate) struct Doubling {
+    time: Time,
+    gamma: f64,
+    models: Vec<Constants>,
+}
+
+/// A model's matrices, flat and row-major.
+struct Constants {
+    n: usize,
+    nu: usize,
+    a: Vec<f64>,
+    b: Vec<f64>,
+    c: Vec<f64>,
+    h: Vec<f64>,
+    f: Vec<f64>,
+    w: Vec<f64>,
+    z: Vec<f64>,
+    /// `C' W`.
+    cw: Vec<f64>,
+    /// Powers of `F`, made once; the scalar has the bits of the lanes.
+    factor: Factor<f64>,
+}
+
+fn flat(m: MatRef<'_, f64>) -> Vec<f64> {
+    (0..m.nrows()).flat_map(|i| (0..m.ncols()).map(move |j| m[(i, j)])).collect()
+}
+
+impl Doubling {
+    /// Prepares the models for the Cayley parameter `gamma`, which discrete
+    /// time ignores.
+    pub(crate) fn new<'m>(
+        time: Time,
+        gamma: f64,
+        models: impl Iterator<Item = &'m PairModel>,
+    ) -> Self {
+        let models = models.map(|p| Constants::new(time, gamma, p)).collect();
+        Self { time, gamma, models }
+    }
+
+    /// Energies `tr(W E[eps eps'])`, blocks by models; NaN for a block that is
+    /// not stable. `blocks` have one size.
+    pub(crate) fn energies(&self, blocks: &[LoopBlock]) -> Vec<f64> {
+        let mut out = vec![f64::NAN; blocks.len() * self.models.len()];
+        simd::dispatch(Energies { doubling: self, blocks, out: &mut out });
+        out
+    }
+
+    /// Gramian `X` of each block; `None` for a block that is not stable.
+    pub(crate) fn gramians(&self, blocks: &[LoopBlock]) -> Vec<Option<Mat<f64>>> {
+        let mut out = Vec::with_capacity(blocks.len());
+        simd::dispatch(Gramians { doubling: self, blocks, out: &mut out });
+        out
+    }
+}
+
+impl Constants {
+    fn new(time: Time, gamma: f64, p: &PairModel) -> Self {
+        let f = flat(p.F.as_ref());
+        let mut factor = Factor::new(time, p.F.nrows());
+        factor.set(&f, gamma);
+        Self {
+            n: p.F.nrows(),
+            nu: p.B.ncols(),
+            a: flat(p.A.as_ref()),
+            b: flat(p.B.as_ref()),
+            c: flat(p.C.as_ref()),
+            h: flat(p.H.as_ref()),
+            f,
+            w: flat(p.W.as_ref()),
+            z: flat(p.Z.as_ref()),
+            cw: flat((p.C.transpose() * &p.W).as_ref()),
+            factor,
+        }
+    }
+}
+
+/// Dual Gramian of an observer: `F' Z + Z F + Q = 0`, in discrete time `F' Z F -
+/// Z + Q = 0`.
+///
+/// # Errors
+/// `NotStable`.
+pub(crate) fn dual(time: Time, f: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result<Mat<f64>> {
+    let n = f.nrows();
+    let (a, mut z) = (flat(f), flat(q));
+    let mut work = vec![0.0; 2 * n * n];
+    let mut factor = Factor::new(time, n);
+    let gamma = gamma_of(n, &a, &mut work[..n * n], &mut vec![0.0; n]);
+    factor.set(&a, gamma);
+    match &factor {
+        Factor::Continuous(c) => lyapunov_dual(c, &mut z, &mut work),
+        Factor::Discrete(p) => stein_dual(p, &mut z, &mut work),
+    }
+    if factor.stable() {
+        Ok(Mat::from_fn(n, n, |i, j| z[i * n + j]))
+    } else {
+        Err(Error::NotStable { what: "the observer's error equation".into() })
+    }
+}
+
+struct Energies<'a> {
+    doubling: &'a Doubling,
+    blocks: &'a [LoopBlock],
+    out: &'a mut [f64],
+}
+
+impl Kernel for Energies<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<T: Real>(self) {
+        let d = self.doubling;
+        let n_models = d.models.len();
+        let Some(first) = self.blocks.first().filter(|_| n_models > 0) else { return };
+        let models: Vec<Splat<T>> = d.models.iter().map(Splat::new).collect();
+        let mut plant = Plants::<T>::new(d.time, first);
+        let mut work = Work::new(first, d.models[0].n);
+        let groups = self.blocks.chunks(T::LANES).zip(self.out.chunks_mut(T::LANES * n_models));
+        for (blocks, out) in groups {
+            plant.solve(d, blocks);
+            let stable = plant.factor.stable();
+            for (i, (model, k)) in models.iter().zip(&d.models).enumerate() {
+                let energy = pair(&plant, model, k, &mut work);
+                let energy = T::select(stable, energy, T::splat(f64::NAN));
+                for l in 0..blocks.len() {
+                    out[l * n_models + i] = energy.lane(l);
+                }
+            }
+        }
+    }
+}
+
+struct Gramians<'a> {
+    doubling: &'a Doubling,
+    blocks: &'a [LoopBlock],
+    out: &'a mut Vec<Option<Mat<f64>>>,
+}
+
+impl Kernel for Gramians<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<T: Real>(self) {
+        let Some(first) = self.blocks.first() else { return };
+        let mut plant = Plants::<T>::new(self.doubling.time, first);
+        for blocks in self.blocks.chunks(T::LANES) {
+            plant.solve(self.doubling, blocks);
+            let (np, stable) = (plant.np, plant.factor.stable());
+            for l in 0..blocks.len() {
+                let x = Mat::from_fn(np, np, |i, j| plant.x[i * np + j].lane(l));
+                self.out.push(stable.lane(l).then_some(x));
+            }
+        }
+    }
+}
+
+/// A coefficient ready for Smith sums.
+enum Factor<T: Real> {
+    Continuous(Cayley<T>),
+    Discrete(Powers<T>),
+}
+
+impl<T: Real> Factor<T> {
+    fn new(time: Time, n: usize) -> Self {
+        if time.is_continuous() {
+            Factor::Continuous(Cayley::new(n))
+        } else {
+            Factor::Discrete(Powers::new(n))
+        }
+    }
+
+    /// Lanes whose matrix was shown to be stable.
+    #[inline(always)]
+    fn stable(&self) -> T::Mask {
+        match self {
+            Factor::Continuous(c) => c.powers.stable,
+            Factor::Discrete(p) => p.stable,
+        }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, a: &[T], gamma: f64) {
+        match self {
+            Factor::Continuous(c) => c.set(a, T::splat(gamma)),
+            Factor::Discrete(p) => p.set(a),
+        }
+    }
+}
+
+/// A model in every lane.
+struct Splat<T: Real> {
+    a: Vec<T>,
+    b: Vec<T>,
+    c: Vec<T>,
+    h: Vec<T>,
+    f: Vec<T>,
+    w: Vec<T>,
+    z: Vec<T>,
+    cw: Vec<T>,
+    factor: Factor<T>,
+}
+
+impl<T: Real> Splat<T> {
+    #[inline(always)]
+    fn new(k: &Constants) -> Self {
+        Self {
+            a: splat(&k.a),
+            b: splat(&k.b),
+            c: splat(&k.c),
+            h: splat(&k.h),
+            f: splat(&k.f),
+            w: splat(&k.w),
+            z: splat(&k.z),
+            cw: splat(&k.cw),
+            factor: match &k.factor {
+                Factor::Continuous(c) => Factor::Continuous(c.splat()),
+                Factor::Discrete(p) => Factor::Discrete(p.splat()),
+            },
+        }
+    }
+}
+
+/// A lane of plants in their loops, and what is computed once per plant.
+struct Plants<T: Real> {
+    np: usize,
+    nw: usize,
+    ny: usize,
+    a: Vec<T>,
+    b: Vec<T>,
+    cy: Vec<T>,
+    dy: Vec<T>,
+    cu: Vec<T>,
+    du: Vec<T>,
+    x: Vec<T>,
+    factor: Factor<T>,
+    work: Vec<T>,
+}
+
+/// Transposes one matrix of each block into lanes; missing lanes repeat the
+/// last block.
+#[inline(always)]
+fn pack<T: Real>(out: &mut Vec<T>, blocks: &[LoopBlock], of: impl Fn(&LoopBlock) -> &Mat<f64>) {
+    let (rows, cols) = (of(&blocks[0]).nrows(), of(&blocks[0]).ncols());
+    out.clear();
+    for i in 0..rows {
+        for j in 0..cols {
+            let mut lane = [0.0; simd::LANES];
+            for (l, value) in lane.iter_mut().enumerate().take(T::LANES) {
+                *value = of(&blocks[l.min(blocks.len() - 1)])[(i, j)];
+            }
+            out.push(T::load(&lane));
+        }
+    }
+}
+
+impl<T: Real> Plants<T> {
+    fn new(time: Time, first: &LoopBlock) -> Self {
+        let np = first.np();
+        let (a, b, cy, dy, cu, du) = Default::default();
+        Self {
+            np,
+            nw: first.nw(),
+            ny: first.Cy.nrows(),
+            a,
+            b,
+            cy,
+            dy,
+            cu,
+            du,
+            x: vec![T::zero(); np * np],
+            factor: Factor::new(time, np),
+            work: vec![T::zero(); 2 * np * np],
+        }
+    }
+
+    #[inline(always)]
+    fn solve(&mut self, d: &Doubling, blocks: &[LoopBlock]) {
+        pack(&mut self.a, blocks, |b| &b.A);
+        pack(&mut self.b, blocks, |b| &b.B);
+        pack(&mut self.cy, blocks, |b| &b.Cy);
+        pack(&mut self.dy, blocks, |b| &b.Dy);
+        pack(&mut self.cu, blocks, |b| &b.Cu);
+        pack(&mut self.du, blocks, |b| &b.Du);
+        self.factor.set(&self.a, d.gamma);
+        sym_mul_nt(Dyn(self.np), Dyn(self.nw), &self.b, &self.b, &mut self.x);
+        match &self.factor {
+            Factor::Continuous(c) => lyapunov(c, &mut self.x, &mut self.work),
+            Factor::Discrete(p) => stein(p, &mut self.x, &mut self.work),
+        }
+    }
+}
+
+/// Buffers of a lane of pairs.
+struct Work<T> {
+    dd: Vec<T>,
+    nn: Vec<T>,
+    mm: Vec<T>,
+    /// `np` by `n`.
+    xn: Vec<T>,
+    s: Vec<T>,
+    half: Vec<T>,
+    /// `n` by `np`.
+    zn: Vec<T>,
+    weight: Vec<T>,
+    own: Vec<T>,
+    outputs: Vec<T>,
+}
+
+impl<T: Real> Work<T> {
+    fn new(first: &LoopBlock, n: usize) -> Self {
+        let (np, nw, ny) = (first.np(), first.nw(), first.Cy.nrows());
+        let room = |len: usize| vec![T::zero(); len];
+        Self {
+            dd: room(ny * np),
+            nn: room(n * np),
+            mm: room(n * nw),
+            xn: room(np * n),
+            s: room(np * n),
+            half: room(np * n.max(ny)),
+            zn: room(n * np),
+            weight: room(n * np),
+            own: room(n * n),
+            outputs: room(ny * ny),
+        }
+    }
+}
+
+/// Energy of one model against the plants of the lane.
+#[inline(always)]
+fn pair<T: Real>(p: &Plants<T>, model: &Splat<T>, k: &Constants, w: &mut Work<T>) -> T {
+    let (n, nu) = (Dyn(k.n), Dyn(k.nu));
+    let (np, nw, ny) = (Dyn(p.np), Dyn(p.nw), Dyn(p.ny));
+    let Work { dd, nn, mm, xn, s, half, zn, weight, own, outputs } = w;
+    // D = C_y - C_i E
+    dd.copy_from_slice(&p.cy);
+    sub_leading(dd, p.np, &model.c, k.n);
+    // N = E A - A_i E - B_i C_u - H D
+    nn.copy_from_slice(&p.a[..k.n * p.np]);
+    sub_leading(nn, p.np, &model.a, k.n);
+    mul_sub(n, nu, np, &model.b, &p.cu, nn);
+    mul_sub(n, ny, np, &model.h, dd, nn);
+    // M = E B - H D_y - B_i D_u
+    mm.copy_from_slice(&p.b[..k.n * p.nw]);
+    mul_sub(n, ny, nw, &model.h, &p.dy, mm);
+    mul_sub(n, nu, nw, &model.b, &p.du, mm);
+
+    // tr(Z M M'), the weight of the coupling, and the coupling S
+    sym_mul_nt(n, nw, mm, mm, own);
+    mul(n, n, np, &model.z, nn, zn);
+    mul(n, ny, np, &model.cw, dd, weight);
+    mul_nt(np, np, n, &p.x, nn, xn);
+    match (&p.factor, &model.factor) {
+        (Factor::Continuous(a), Factor::Continuous(f)) => {
+            for (w, &z) in weight.iter_mut().zip(zn.iter()) {
+                *w = *w + z;
+            }
+            s.copy_from_slice(xn);
+            mul_add_nt(np, nw, n, &p.b, mm, s);
+            sylvester_nt(a, f, s, half);
+        }
+        (Factor::Discrete(a), Factor::Discrete(f)) => {
+            mul_add_tn(n, n, np, &model.f, zn, weight);
+            mul(np, np, n, &p.a, xn, s);
+            mul_add_nt(np, nw, n, &p.b, mm, s);
+            stein_pair_nt(a, f, s, half);
+            // N X N' joins M M'
+            mul(n, np, n, nn, xn, half_square(zn, k.n));
+            for (o, &x) in own.iter_mut().zip(zn.iter()) {
+                *o = *o + x;
+            }
+        }
+        _ => {} // plants and models of one study share their time
+    }
+    let mut energy = dot(&model.z, own);
+    // tr(W D X D')
+    let dx = &mut half[..p.ny * p.np];
+    mul(ny, np, np, dd, &p.x, dx);
+    sym_mul_nt(ny, np, dx, dd, outputs);
+    energy = energy + dot(&model.w, outputs);
+    // 2 tr(weight S)
+    let mut coupling = T::zero();
+    for i in 0..k.n {
+        for j in 0..p.np {
+            coupling = weight[i * p.np + j].mul_add(s[j * k.n + i], coupling);
+        }
+    }
+    coupling.mul_add(T::splat(2.0), energy)
+}
+
+/// Subtracts an `m` by `n` matrix from the leading columns of one with `cols`.
+#[inline(always)]
+fn sub_leading<T: Real>(from: &mut [T], cols: usize, m: &[T], n: usize) {
+    for (row, part) in from.chunks_exact_mut(cols).zip(m.chunks_exact(n)) {
+        for (x, &y) in row.iter_mut().zip(part) {
+            *x = *x - y;
+        }
+    }
+}
+
+/// The first `n * n` numbers of a larger buffer.
+#[inline(always)]
+fn half_square<T>(buffer: &mut [T], n: usize) -> &mut [T] {
+    &mut buffer[..n * n]
+}

@@ -94,12 +94,13 @@ pub(crate) fn energies(
         // totals in order of position: the path of the bisection leaves no trace
         done.sort_by(|p, q| p.from.total_cmp(&q.from));
         let total = totals(&done, models.len());
-        let share = tolerance / done.len() as f64;
+        let enough = total.iter().all(|t| t.error <= tolerance * t.value);
+        let share = 0.5 * tolerance / done.len() as f64;
         let splits = |p: &Panel| {
             p.depth < DEPTH
                 && p.integrals.iter().zip(&total).any(|(i, t)| i.error > share * t.value)
         };
-        if done.len() >= MAX_INTERVALS || !done.iter().any(splits) {
+        if enough || done.len() >= MAX_INTERVALS || !done.iter().any(splits) {
             return total;
         }
         pending.clear();

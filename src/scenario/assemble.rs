@@ -36,7 +36,9 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
     };
     let shaped = table.get("disturbance").is_some();
     let plant = table.need("plant", "add [plant] with time, states, outputs, A, C and R");
-    let (family, entries) = plant::read(reader, plant?, shaped)?;
+    let plant::Read { family, entries, surroundings: brought } =
+        plant::read(reader, plant?, shaped)?;
+    let shaped = shaped || brought.disturbance.is_some();
     let names = family.names();
     let disturbance = table.get("disturbance").map(|value| {
         surroundings::filter(reader, "disturbance", value, &names.disturbances, "disturbances")
@@ -48,7 +50,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         table.get("controller").map(|value| surroundings::controller(reader, value, names));
     let actuator = table.get("actuator").map(|value| surroundings::actuator(reader, value));
     let settings = table.get("eip").map(|value| settings::read(reader, value, &family));
-    let weighted = plant.is_some_and(|p| has(p, "Q"));
+    let weighted = plant.is_some_and(|p| has(p, "Q") || has(p, "family"));
     let bank = table.get("bank").map(|value| bank::read(reader, value, &family, shaped, weighted));
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
@@ -64,9 +66,10 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
     let scenario = Scenario {
         title,
         surroundings: Surroundings {
-            controller: maybe(controller)?,
-            disturbance: maybe(disturbance)?,
-            input: maybe(input)?,
+            // the file's own stands before what a built-in family brings
+            controller: maybe(controller)?.or(brought.controller),
+            disturbance: maybe(disturbance)?.or(brought.disturbance),
+            input: maybe(input)?.or(brought.input),
             pade_order: actuator.pade,
         },
         bank: maybe(bank)?,

@@ -1,5 +1,7 @@
 //! The plant family of a scenario.
 
+use std::sync::Arc;
+
 use faer::Mat;
 
 use super::expression::Entry;
@@ -8,7 +10,8 @@ use crate::error::{Error, Result};
 use crate::model::{Family, Names, Parameter, Plant, Time};
 
 /// A plant family whose matrix entries are expressions of named parameters,
-/// as a scenario file gives it.
+/// as a scenario file gives it; or a built-in family with nominal values of the
+/// file's own.
 ///
 /// Expressions are compiled and constant entries folded once; a plant is then
 /// a copy of the constant part and an evaluation of the entries that vary. The
@@ -48,8 +51,15 @@ pub struct ExpressionFamily {
     pub(super) quantities: Vec<Quantity>,
     pub(super) names: Names,
     pub(super) time: Time,
-    /// A, B, G, C, Q, R.
-    pub(super) patterns: [Pattern; 6],
+    pub(super) plants: Plants,
+}
+
+/// Where the matrices come from.
+pub(super) enum Plants {
+    /// A, B, G, C, Q, R as written.
+    Written(Box<[Pattern; 6]>),
+    /// A family that comes with the crate.
+    BuiltIn(Arc<dyn Family>),
 }
 
 /// A named quantity of `[plant.parameters]`.
@@ -123,8 +133,11 @@ pub(super) fn values(quantities: &[Quantity], theta: &[f64]) -> Vec<f64> {
 impl ExpressionFamily {
     /// Which quantities some matrix depends on, directly or through others.
     pub(super) fn used(&self) -> Vec<bool> {
+        let Plants::Written(patterns) = &self.plants else {
+            return vec![true; self.quantities.len()];
+        };
         let mut used = vec![false; self.quantities.len()];
-        for (_, _, entry) in self.patterns.iter().flat_map(|p| &p.varying) {
+        for (_, _, entry) in patterns.iter().flat_map(|p| &p.varying) {
             entry.variables().iter().for_each(|&v| used[v] = true);
         }
         // a quantity uses only those before it
@@ -164,8 +177,12 @@ impl Family for ExpressionFamily {
                 got: [theta.len(), 1],
             });
         }
+        let patterns = match &self.plants {
+            Plants::Written(patterns) => patterns,
+            Plants::BuiltIn(family) => return family.plant(theta),
+        };
+        let [A, B, G, C, Q, R] = &**patterns;
         let values = values(&self.quantities, theta);
-        let [A, B, G, C, Q, R] = &self.patterns;
         Ok(Plant {
             time: self.time,
             A: A.at(&values)?,

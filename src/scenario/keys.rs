@@ -5,6 +5,7 @@ pub(super) const TOP: &[&str] =
     &["format", "title", "plant", "disturbance", "input", "controller", "actuator", "bank", "eip"];
 /// `[plant]`.
 pub(super) const PLANT: &[&str] = &[
+    "family",
     "time",
     "dt",
     "states",

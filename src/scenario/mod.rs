@@ -11,9 +11,8 @@
 //! ```
 //!
 //! Whatever is wrong with a file is an [`Error`] whose diagnostics name file,
-//! line, column, key and remedy. The language follows.
-//!
-#![doc = include_str!("../guide/scenario.md")]
+//! line, column, key and remedy. Every key is described in
+//! [`guide::scenario`](crate::guide::scenario).
 
 mod assemble;
 mod bank;
@@ -24,6 +23,7 @@ mod grid;
 mod keys;
 mod matrix;
 mod operators;
+mod parameters;
 mod places;
 mod plant;
 mod reader;

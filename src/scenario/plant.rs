@@ -5,29 +5,96 @@ use std::cell::RefCell;
 use faer::Mat;
 use toml::de::DeValue;
 
-use super::expression::Entry;
-use super::family::{ExpressionFamily, Origin, Pattern, Quantity, values};
-use super::keys;
+use super::family::{ExpressionFamily, Origin, Pattern, Plants, Quantity, values};
 use super::matrix::{Scope, Size, Written};
-use super::operators::{CONSTANTS, FUNCTIONS};
+use super::parameters::{quantities, unused};
 use super::places::EntryPlaces;
 use super::reader::{Reader, Value};
 use super::table::Table;
-use crate::model::{Names, Parameter, Time};
+use super::{keys, suggest};
+use crate::model::{Names, Parameter, Surroundings, Time, systems};
+
+/// `[plant]`, read.
+pub(super) struct Read {
+    pub(super) family: ExpressionFamily,
+    /// Places of the matrix entries.
+    pub(super) entries: EntryPlaces,
+    /// What a built-in family brings along.
+    pub(super) surroundings: Surroundings,
+}
 
 /// Reads `[plant]`; `shaped` when a filter colours the disturbance, whose
 /// intensity is then that of the filter.
-pub(super) fn read<'a>(
-    reader: &Reader<'a>,
-    value: &Value<'a>,
-    shaped: bool,
-) -> Option<(ExpressionFamily, EntryPlaces)> {
+pub(super) fn read<'a>(reader: &Reader<'a>, value: &Value<'a>, shaped: bool) -> Option<Read> {
     let DeValue::Table(map) = value.get_ref() else {
         return reader.wrong_type("plant", value, "a table");
     };
     let table = Table::new(reader, "plant", value.span().start, map, keys::PLANT);
-    let time = time(&table);
-    let quantities = quantities(&table);
+    match table.get("family") {
+        Some(name) => built_in(&table, name),
+        None => written(&table, shaped),
+    }
+}
+
+/// A built-in family, whose parameters can be given other nominal values.
+fn built_in<'a>(table: &Table<'_, 'a>, value: &Value<'a>) -> Option<Read> {
+    let name = table.reader.choice("plant.family", value, &systems::NAMES.map(|n| (n, n)))?;
+    let family = systems::by_name(name)?;
+    let own = |key: &&&str| !["family", "parameters"].contains(key) && table.get(key).is_some();
+    if let Some(key) = keys::PLANT.iter().find(own) {
+        let remedy = format!("remove it, or write the whole plant in place of family = \"{name}\"");
+        return table.error(key, "a built-in family has its own", remedy);
+    }
+    let (given, quantities) = quantities(table)?;
+    let mut parameters = family.parameters().to_vec();
+    let mut good = true;
+    for quantity in quantities {
+        let name = quantity.name.as_str();
+        let own = parameters.iter_mut().find(|p| p.name == name);
+        let (message, remedy) = match (own, quantity.value) {
+            (Some(own), Origin::Free(index)) => {
+                own.nominal = given[index].nominal;
+                continue;
+            }
+            (Some(_), Origin::Derived(_)) => {
+                let message = "a parameter of a built-in family cannot follow others";
+                (message, "give its number".to_string())
+            }
+            (None, _) => {
+                let known: Vec<&str> =
+                    family.parameters().iter().map(|p| p.name.as_str()).collect();
+                let remedy = suggest::remedy(name, &known, "its parameters are");
+                ("the family has no such parameter", remedy)
+            }
+        };
+        let at = table.place("parameters", name);
+        table.reader.error::<()>(at, &format!("plant.parameters.{name}"), message, remedy);
+        good = false;
+    }
+    let free =
+        |(i, p): (usize, &Parameter)| Quantity { name: p.name.clone(), value: Origin::Free(i) };
+    let surroundings = match name {
+        "pendulum" => systems::pendulum_surroundings(),
+        _ => Surroundings::default(),
+    };
+    good.then(|| Read {
+        family: ExpressionFamily {
+            quantities: parameters.iter().enumerate().map(free).collect(),
+            parameters,
+            names: family.names().clone(),
+            time: family.time(),
+            plants: Plants::BuiltIn(family),
+        },
+        entries: EntryPlaces::new(),
+        surroundings,
+    })
+}
+
+/// A plant of matrices.
+fn written(table: &Table<'_, '_>, shaped: bool) -> Option<Read> {
+    let reader = table.reader;
+    let time = time(table);
+    let quantities = quantities(table);
     let list = |key: &str| match table.get(key) {
         Some(value) => reader.names(&table.key(key), value),
         None => Some(Vec::new()),
@@ -45,11 +112,12 @@ pub(super) fn read<'a>(
     let names =
         Names { states: states?, inputs: inputs?, disturbances: disturbances?, outputs: outputs? };
     let quantities = quantities?;
-    let (patterns, places) = matrices(&table, &names, &quantities, shaped)?;
+    let (patterns, entries) = matrices(table, &names, &quantities, shaped)?;
     let (parameters, quantities) = quantities;
-    let family = ExpressionFamily { parameters, quantities, names, time: time?, patterns };
-    unused(&table, &family);
-    Some((family, places))
+    let plants = Plants::Written(Box::new(patterns));
+    let family = ExpressionFamily { parameters, quantities, names, time: time?, plants };
+    unused(table, &family);
+    Some(Read { family, entries, surroundings: Surroundings::default() })
 }
 
 fn time(table: &Table<'_, '_>) -> Option<Time> {
@@ -77,66 +145,6 @@ fn time(table: &Table<'_, '_>) -> Option<Time> {
             }
         }
     }
-}
-
-/// Reads `[plant.parameters]` in the order of the file.
-fn quantities(table: &Table<'_, '_>) -> Option<(Vec<Parameter>, Vec<Quantity>)> {
-    let (mut free, mut quantities) = (Vec::new(), Vec::<Quantity>::new());
-    let Some(value) = table.get("parameters") else { return Some((free, quantities)) };
-    let reader = table.reader;
-    let DeValue::Table(map) = value.get_ref() else {
-        return reader.wrong_type("plant.parameters", value, "a table of numbers");
-    };
-    let inner = Table::named(reader, "plant.parameters", value.span().start, map)?;
-    let mut good = true;
-    for (name, span, value) in inner.in_order() {
-        let key = inner.key(name);
-        let entry = {
-            let known: Vec<&str> = quantities.iter().map(|q| q.name.as_str()).collect();
-            let scope = Scope { names: &known, otherwise: "a parameter can use those above it" };
-            reader.entry(&key, value, scope)
-        };
-        let bad = match &entry {
-            Some(Entry::Constant(value)) if !value.is_finite() => Some((
-                "not a finite number".to_string(),
-                "look for a division by zero, or a root of a negative number",
-            )),
-            _ => bad_name(name),
-        };
-        if let Some((message, remedy)) = bad {
-            reader.error::<()>(span.start, &key, message, remedy);
-            good = false;
-        }
-        let value = match entry {
-            Some(entry @ (Entry::Parameter(_) | Entry::Formula(_))) => Origin::Derived(entry),
-            number => {
-                // one that failed is kept, so that its users are not reported too
-                good &= number.is_some();
-                let nominal = number.map_or(1.0, |n| n.value(&[]));
-                free.push(Parameter { name: name.into(), nominal });
-                Origin::Free(free.len() - 1)
-            }
-        };
-        quantities.push(Quantity { name: name.into(), value });
-    }
-    good.then_some((free, quantities))
-}
-
-/// What keeps `name` from being used in expressions.
-fn bad_name(name: &str) -> Option<(String, &'static str)> {
-    let letter = |c: char| c.is_alphabetic() || c == '_';
-    if name.len() > 100
-        || !name.starts_with(letter)
-        || !name.chars().all(|c| letter(c) || c.is_numeric())
-    {
-        return Some(("not a name that expressions can use".into(), "use letters, digits and _"));
-    }
-    let constant = CONSTANTS.iter().any(|(n, _)| *n == name);
-    if constant || FUNCTIONS.iter().any(|f| f.name == name) {
-        let kind = if constant { "constant" } else { "function" };
-        return Some((format!("'{name}' is a {kind} of the language"), "choose another name"));
-    }
-    None
 }
 
 /// Reads A, B, G, C, Q, R and evaluates each at the nominal values.
@@ -204,16 +212,4 @@ fn matrices(
     ];
     let [a, b, g, c, q, r] = patterns;
     Some(([a?, b?, g?, c?, q?, r?], places.into_inner()))
-}
-
-/// Warns of parameters without effect.
-fn unused(table: &Table<'_, '_>, family: &ExpressionFamily) {
-    let Some(DeValue::Table(map)) = table.get("parameters").map(|v| v.get_ref()) else { return };
-    for (quantity, used) in family.quantities.iter().zip(family.used()) {
-        if !used && let Some((key, _)) = map.get_key_value(quantity.name.as_str()) {
-            let path = format!("plant.parameters.{}", quantity.name);
-            let remedy = "remove it, or use it in a matrix";
-            table.reader.warn(key.span().start, &path, "no matrix depends on it", remedy);
-        }
-    }
 }

@@ -76,6 +76,13 @@ impl<'r, 'a> Table<'r, 'a> {
         if self.path.is_empty() { key.into() } else { format!("{}.{key}", self.path) }
     }
 
+    /// Where the key `inner` of the table `key` stands.
+    pub(super) fn place(&self, key: &str, inner: &str) -> usize {
+        let table = self.get(key).and_then(|value| value.get_ref().as_table());
+        let found = table.and_then(|map| map.get_key_value(inner));
+        found.map_or(self.at, |(key, _)| key.span().start)
+    }
+
     /// The value of `key`, if it is there.
     pub(super) fn get(&self, key: &str) -> Option<&'r Value<'a>> {
         self.map.get(key)

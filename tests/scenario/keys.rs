@@ -237,6 +237,54 @@ fn surroundings_are_read() -> Outcome {
 }
 
 #[test]
+fn built_in_families_can_be_named() -> Outcome {
+    let text = "format = 1\n[plant]\nfamily = \"pendulum\"\n[plant.parameters]\nm = 0.5\n\
+                [bank]\nmodels = { L = [1.025, 1.287] }\n\
+                [eip]\ngrid = { L = { from = 0.9, to = 1.9, points = 5 } }\n";
+    let scenario = Scenario::parse("s", text)?;
+    let (family, study) = (scenario.family(), scenario.study()?);
+    let plant = family.plant(&family.theta_with(&[("L", 1.0)])?)?;
+    assert_eq!(plant.A[(3, 1)], 1.5 * 9.8);
+    assert!(study.bank.shaping);
+    assert!(study.surroundings.controller.is_some());
+    // its own filter stands before the one that comes along
+    let own = format!("{text}[disturbance]\nstates = [\"d\"]\nA = -2\nB = 1\nC = 1\n");
+    let filter = Scenario::parse("s", &own)?.surroundings().disturbance.clone();
+    assert_eq!(filter.ok_or("no filter")?.A, mat![[-2.0]]);
+    for name in mmae::model::systems::NAMES {
+        let text = format!("format = 1\n[plant]\nfamily = \"{name}\"\n");
+        assert_eq!(Scenario::parse("s", &text)?.warnings(), []);
+    }
+    for (find, with, message) in [
+        (
+            "pendulum",
+            "pendulm",
+            "s:3:10: plant.family: no choice is called 'pendulm': did you mean",
+        ),
+        (
+            "\"\n[plant.p",
+            "\"\nA = 1\n[plant.p",
+            "s:4:5: plant.A: a built-in family has its own: remove",
+        ),
+        (
+            "m = 0.5",
+            "l = 0.5",
+            "s:5:1: plant.parameters.l: the family has no such parameter: did you",
+        ),
+        (
+            "m = 0.5",
+            "M = 2\nm = \"M\"",
+            "s:6:1: plant.parameters.m: a parameter of a built-in family",
+        ),
+        ("m = 0.5", "m = -0.5\nM = 0", "s:2:1: plant.A"),
+    ] {
+        let error = Scenario::parse("s", &text.replace(find, with)).map_err(|e| e.to_string());
+        assert!(error.as_ref().is_err_and(|e| e.starts_with(message)), "{error:?}");
+    }
+    Ok(())
+}
+
+#[test]
 fn models_may_be_columns_or_rows() -> Outcome {
     let models = |text: &str| -> Result<_, Box<dyn Error>> {
         let scenario = study(&format!("models = {text}"), "")?;

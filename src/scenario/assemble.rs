@@ -78,7 +78,9 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         places: Places { entries, ..places(reader, root) },
         family: Arc::new(family),
     };
-    check(reader, &scenario);
+    if !reader.failed() {
+        check(reader, &scenario);
+    }
     Some(scenario)
 }
 

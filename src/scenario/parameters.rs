@@ -9,7 +9,8 @@ use super::operators::{CONSTANTS, FUNCTIONS};
 use super::table::Table;
 use crate::model::Parameter;
 
-/// Reads `[plant.parameters]` in the order of the file.
+/// Reads `[plant.parameters]` in the order of the file. One that is wrong is
+/// reported and kept, so that its users are not reported as well.
 pub(super) fn quantities(table: &Table<'_, '_>) -> Option<(Vec<Parameter>, Vec<Quantity>)> {
     let (mut free, mut quantities) = (Vec::new(), Vec::<Quantity>::new());
     let Some(value) = table.get("parameters") else { return Some((free, quantities)) };
@@ -18,7 +19,6 @@ pub(super) fn quantities(table: &Table<'_, '_>) -> Option<(Vec<Parameter>, Vec<Q
         return reader.wrong_type("plant.parameters", value, "a table of numbers");
     };
     let inner = Table::named(reader, "plant.parameters", value.span().start, map)?;
-    let mut good = true;
     for (name, span, value) in inner.in_order() {
         let key = inner.key(name);
         let entry = {
@@ -33,15 +33,13 @@ pub(super) fn quantities(table: &Table<'_, '_>) -> Option<(Vec<Parameter>, Vec<Q
             )),
             _ => bad_name(name),
         };
-        if let Some((message, remedy)) = bad {
-            reader.error::<()>(span.start, &key, message, remedy);
-            good = false;
-        }
+        let entry = match bad {
+            Some((message, remedy)) => reader.error(span.start, &key, message, remedy),
+            None => entry,
+        };
         let value = match entry {
             Some(entry @ (Entry::Parameter(_) | Entry::Formula(_))) => Origin::Derived(entry),
             number => {
-                // one that failed is kept, so that its users are not reported too
-                good &= number.is_some();
                 let nominal = number.map_or(1.0, |n| n.value(&[]));
                 free.push(Parameter { name: name.into(), nominal });
                 Origin::Free(free.len() - 1)
@@ -49,7 +47,7 @@ pub(super) fn quantities(table: &Table<'_, '_>) -> Option<(Vec<Parameter>, Vec<Q
         };
         quantities.push(Quantity { name: name.into(), value });
     }
-    good.then_some((free, quantities))
+    Some((free, quantities))
 }
 
 /// What keeps `name` from being used in expressions.

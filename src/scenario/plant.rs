@@ -112,11 +112,20 @@ fn written(table: &Table<'_, '_>, shaped: bool) -> Option<Read> {
     let names =
         Names { states: states?, inputs: inputs?, disturbances: disturbances?, outputs: outputs? };
     let quantities = quantities?;
-    let (patterns, entries) = matrices(table, &names, &quantities, shaped)?;
+    let matrices = matrices(table, &names, &quantities, shaped);
     let (parameters, quantities) = quantities;
+    // what could not be read is reported; something stands in for it, so that
+    // bank and study have their say as well
+    let time = time.unwrap_or(Time::Continuous);
+    let complete = matrices.is_some();
+    let nothing = |letter| Pattern::constant(letter, Mat::zeros(0, 0));
+    let (patterns, entries) = matrices
+        .unwrap_or_else(|| (["A", "B", "G", "C", "Q", "R"].map(nothing), EntryPlaces::new()));
     let plants = Plants::Written(Box::new(patterns));
-    let family = ExpressionFamily { parameters, quantities, names, time: time?, plants };
-    unused(table, &family);
+    let family = ExpressionFamily { parameters, quantities, names, time, plants };
+    if complete {
+        unused(table, &family);
+    }
     Some(Read { family, entries, surroundings: Surroundings::default() })
 }
 

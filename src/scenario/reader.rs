@@ -87,6 +87,11 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// True after the first error.
+    pub(super) fn failed(&self) -> bool {
+        !self.errors.borrow().is_empty()
+    }
+
     /// Records what the engine refuses, with the place responsible; the first
     /// stands.
     pub(super) fn engine<T>(&self, at: usize, key: &str, error: crate::Error) -> Option<T> {

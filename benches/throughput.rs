@@ -10,8 +10,12 @@
 //! `benches/peers/problems.py`.
 #![allow(clippy::print_stdout, reason = "a program that reports on stdout")]
 
+use mmae::eip::{Study, Verify};
+use mmae::model::{Grid, systems};
+use mmae::observer::{ModelSet, ObserverKind};
 use mmae::par::RunControl;
 use mmae::solve::{self, Riccati, Solutions};
+use std::sync::Arc;
 use std::time::Instant;
 
 type Any<T> = Result<T, Box<dyn std::error::Error>>;
@@ -123,6 +127,36 @@ struct Pass {
     checksum: f64,
 }
 
+/// 401 pendulums by 4 models, end to end: observers, Upsilon (one route), sets and
+/// refined boundaries. The checksum is the mean of ln Upsilon.
+fn eip_pendulum(control: &RunControl<'_>) -> Any<Pass> {
+    let nominals = [1.025, 1.287, 1.526, 1.778];
+    let bank = ModelSet {
+        observer: ObserverKind::KalmanBucy,
+        parameters: vec!["L".into()],
+        models: nominals.map(|l| vec![l]).to_vec(),
+        labels: Vec::new(),
+        shaping: true,
+        Q: None,
+        R: None,
+    };
+    let grid = Grid::linear("L", 0.9, 1.9, 401)?;
+    let study = Study {
+        surroundings: systems::pendulum_surroundings(),
+        verify: Verify::None,
+        ..Study::new(Arc::new(systems::pendulum()), bank, grid)
+    };
+    let upsilon = &study.run(control)?.cases[0].upsilon;
+    let checksum = upsilon.iter().map(|u| u.ln()).sum::<f64>() / upsilon.len() as f64;
+    // The value of SciPy's Lyapunov solver on the same 1604 pairs.
+    let wanted = 4.825_117_768_92;
+    if (checksum / wanted - 1.0).abs() < 1e-9 {
+        Ok(Pass { items: upsilon.len(), checksum })
+    } else {
+        Err(format!("mean ln Upsilon is {checksum}, wanted {wanted}").into())
+    }
+}
+
 type Run = Box<dyn Fn(&RunControl<'_>) -> Any<Pass>>;
 
 /// Every case: its name, and what runs it once.
@@ -140,6 +174,7 @@ fn cases(test: bool) -> Vec<(String, Run)> {
             out.push((format!("{name}_n{n}"), Box::new(run)));
         }
     }
+    out.push(("eip_pendulum".into(), Box::new(eip_pendulum)));
     out
 }
 

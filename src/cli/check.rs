@@ -107,7 +107,7 @@ fn print_text(
     } else {
         format!("about {} s", significant(seconds, 1))
     };
-    row("work", &format!("{} operations, {seconds} on one core", significant(cost.flops, 2)))
+    row("work", &format!("{:.1e} operations, {seconds} on one core", cost.flops))
 }
 
 /// `1.2 MB`.

@@ -19,7 +19,7 @@ use crate::scenario::Scenario;
 
 const FILES: [&str; 4] = ["eip.json", "upsilon.parquet", "eip.svg", MANIFEST];
 /// Messages of one kind, at most.
-const MANY: usize = 8;
+const MANY: usize = 4;
 
 pub(super) fn run(args: &EipArguments, signals: &Signals) -> Result<(), Failure> {
     let clock = Clock { wall: SystemTime::now(), start: Instant::now() };

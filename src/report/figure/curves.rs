@@ -21,7 +21,7 @@ const DENSE: usize = 2000;
 const CROWD: usize = 24;
 /// With more models than this, only winning stretches are drawn.
 const THRONG: usize = 200;
-/// Losing curves are cut this far above the envelope of the winners.
+/// Losing curves are cut at this multiple of the largest winner.
 const HEADROOM: f64 = 300.0;
 
 pub(super) fn draw(sets: &EipSets) -> SVG {
@@ -34,7 +34,7 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let y_scale = |start, end| Scale::new(range.low, range.high, range.log, start, end);
     let numbers = canvas::y_axis_width(&y_scale(MAIN, 0.0), 60.0).max(52.0);
     let left = 36.0 + numbers.max(decisions::Strips::names_width(sets));
-    let labels = curve_labels(sets, case);
+    let labels = curve_labels(sets, case, range.high);
     let widest = labels.iter().map(|l| canvas::width(&l.text, TICK)).fold(0.0, f64::max);
     let number = canvas::width(&sets.models.len().to_string(), TICK) + 8.0;
     let right = if labels.is_empty() { 30.0 } else { widest + number + 32.0 };
@@ -80,9 +80,9 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let strips = decisions::Strips { sets, x, area: Area { y: main.bottom() + 12.0, ..main } };
     body = body.add(strips.draw());
     let mut lowest = Area { h: strips.height(), ..strips.area };
-    if let Some(highest) = largest_margin(case) {
+    if let Some(scale) = MarginRange::new(case) {
         let area = Area { y: lowest.bottom() + 16.0, h: MARGIN, ..main };
-        body = body.add(panel.margin(area, highest));
+        body = body.add(panel.margin(area, &scale));
         lowest = area;
     }
     body = body.add(canvas::x_axis(lowest, &x, true, false));
@@ -206,34 +206,57 @@ struct UpsilonRange {
     log: bool,
 }
 
-/// Range of the vertical axis: all winners, and losers up to [`HEADROOM`].
+/// Range of the vertical axis: all winners, and losers as long as they do not
+/// press the winners flat.
 fn upsilon_range(case: &Case) -> UpsilonRange {
-    let finite = || case.upsilon.iter().copied().filter(|u| u.is_finite());
-    let (low, high) =
-        finite().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(u), h.max(u)));
+    let extremes = |values: &mut dyn Iterator<Item = f64>| {
+        values
+            .filter(|u| u.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), u| (l.min(u), h.max(u)))
+    };
+    let n = case.upsilon.len() / case.winner.len().max(1);
+    let (low, high) = extremes(&mut case.upsilon.iter().copied());
     if low > high {
         return UpsilonRange { low: 0.0, high: 1.0, log: false };
     }
+    let winning = case.winner.iter().enumerate();
+    let (best, worst) =
+        extremes(&mut winning.filter_map(|(plant, w)| w.map(|i| case.upsilon[plant * n + i])));
     if low > 0.0 && high > 20.0 * low {
-        let n = case.upsilon.len() / case.winner.len().max(1);
-        let envelope = case
-            .winner
-            .iter()
-            .enumerate()
-            .filter_map(|(plant, w)| w.map(|i| case.upsilon[plant * n + i]))
-            .fold(low, f64::max);
-        let high = high.min(envelope * HEADROOM);
+        let high = high.min(worst.max(low) * HEADROOM);
         let room = (high / low).powf(0.04);
         return UpsilonRange { low: low / room, high: high * room, log: true };
     }
+    let high = if worst > best { high.min(worst + 5.0 * (worst - best)) } else { high };
     let room = if high > low { 0.05 * (high - low) } else { 0.5 * high.abs().max(1.0) };
     UpsilonRange { low: low - room, high: high + room, log: false }
 }
 
-/// Largest finite margin, if a margin panel makes sense.
-fn largest_margin(case: &Case) -> Option<f64> {
-    let largest = case.margin.iter().copied().filter(|m| m.is_finite()).fold(0.0, f64::max);
-    (largest > 0.0 && case.margin.len() > 1).then_some(largest)
+/// Range of the margin panel.
+struct MarginRange {
+    low: f64,
+    high: f64,
+    log: bool,
+}
+
+impl MarginRange {
+    /// `None` if there is no margin to show.
+    fn new(case: &Case) -> Option<Self> {
+        let mut margins: Vec<f64> =
+            case.margin.iter().copied().filter(|m| m.is_finite() && *m > 0.0).collect();
+        margins.sort_by(f64::total_cmp);
+        let high = *margins.last()?;
+        let quantile = |q: f64| margins[((margins.len() - 1) as f64 * q) as usize];
+        if case.margin.len() < 2 {
+            return None;
+        }
+        if quantile(0.5) > 0.06 * high {
+            return Some(Self { low: 0.0, high: 1.08 * high, log: false });
+        }
+        // half of the plants would hug the axis; the dips to zero are cut
+        let low = (0.3 * quantile(0.1)).max(1e-6 * high);
+        Some(Self { low, high: 1.5 * high, log: true })
+    }
 }
 
 /// The nominal value and Upsilon of each model that lies on the grid.
@@ -260,17 +283,18 @@ fn nominal_points<'a>(
     })
 }
 
-/// The label of a curve and the plant where the curve ends.
+/// The label of a curve and the last plant where it can be seen.
 struct CurveLabel {
     model: usize,
     text: String,
     plant: usize,
 }
 
-fn curve_labels(sets: &EipSets, case: &Case) -> Vec<CurveLabel> {
+/// A label for every curve with a point not above `high`, as far as they fit.
+fn curve_labels(sets: &EipSets, case: &Case, high: f64) -> Vec<CurveLabel> {
     let n = sets.models.len();
     let all = (0..n).filter(|&i| sets.models[i].failure.is_none()).filter_map(|i| {
-        let plant = (0..case.winner.len()).rev().find(|p| case.upsilon[p * n + i].is_finite())?;
+        let plant = (0..case.winner.len()).rev().find(|p| case.upsilon[p * n + i] <= high)?;
         let text = canvas::fitted(&summary::short_name(sets, i), TICK, 196.0);
         Some(CurveLabel { model: i, text, plant })
     });
@@ -497,11 +521,11 @@ impl Panel<'_> {
     }
 
     /// The margin to the runner-up, in the colour of the winner.
-    fn margin(&self, area: Area, highest: f64) -> Group {
-        let y = Scale::new(0.0, highest * 1.08, false, area.bottom(), area.y);
+    fn margin(&self, area: Area, range: &MarginRange) -> Group {
+        let y = Scale::new(range.low, range.high, range.log, area.bottom(), area.y);
         let mut group = Group::new().add(canvas::y_axis(area, &y, 40.0, true));
         let points: Vec<(f64, f64)> = (self.values.iter().zip(&self.case.margin))
-            .map(|(v, m)| (self.x.at(*v), y.at(*m)))
+            .map(|(v, m)| (self.x.at(*v), y.at(m.clamp(range.low, f64::INFINITY))))
             .collect();
         for (i, set) in self.case.sets.iter().enumerate() {
             for interval in set {

@@ -5,7 +5,6 @@ use std::io::{self, Write};
 use super::arguments::CheckArguments;
 use super::failure::{Failure, say};
 use super::output;
-use crate::Error;
 use crate::eip::{Cost, Study};
 use crate::model::Time;
 use crate::report::{json, plain, significant, summary, text};
@@ -26,9 +25,6 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
     let result = checked.and_then(|scenario| {
         let study = scenario.study()?;
         let cost = study.cost().map_err(|e| scenario.explain(e))?;
-        if cost.bytes > study.memory_limit {
-            return Err(scenario.explain(over(&study, &cost)));
-        }
         if args.json {
             let warnings = scenario.warnings();
             let report = Report::new(&name, &study, &cost, warnings);
@@ -46,16 +42,6 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
             }
             Err(e.into())
         }
-    }
-}
-
-/// The error that the run would end with.
-fn over(study: &Study, cost: &Cost) -> Error {
-    Error::Limit {
-        what: "the study".into(),
-        bytes: cost.bytes,
-        limit: study.memory_limit,
-        key: "eip.memory_limit",
     }
 }
 

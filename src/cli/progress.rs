@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use crate::report::significant;
+
 /// Shorter runs show nothing.
 const PATIENCE: Duration = Duration::from_secs(1);
 
@@ -26,24 +28,19 @@ impl Progress {
         }
     }
 
-    /// Shows that `done` of `total` parts are done.
+    /// Shows that `done` of `total` plants are done.
     pub(super) fn update(&self, done: u64, total: u64) {
-        if !self.terminal || self.started.elapsed() < PATIENCE {
+        let elapsed = self.started.elapsed();
+        if !self.terminal || elapsed < PATIENCE {
             return;
         }
         // a poisoned lock only means that a bar is not drawn
         let Ok(mut slot) = self.bar.lock() else { return };
         let bar = slot.get_or_insert_with(|| {
-            let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr())
+            ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr())
                 .with_style(style())
-                .with_elapsed(self.started.elapsed());
-            bar.set_position(done);
-            bar
         });
-        if done < bar.position() {
-            bar.reset(); // the next stage of the run
-        }
-        bar.set_length(total);
+        bar.set_message(pace(done, total, elapsed));
         bar.set_position(done);
     }
 
@@ -57,9 +54,39 @@ impl Progress {
     }
 }
 
+/// Rate and remaining time, both from the mean since the start: chunks of work
+/// are alike, and a mean does not flicker.
+fn pace(done: u64, total: u64, elapsed: Duration) -> String {
+    let rate = done as f64 / elapsed.as_secs_f64().max(1e-9);
+    if rate <= 0.0 {
+        return String::new();
+    }
+    let left = (total.saturating_sub(done) as f64 / rate).ceil();
+    let left = match left {
+        s if s < 100.0 => format!("{s} s"),
+        s if s < 6000.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.1} h", s / 3600.0),
+    };
+    format!("{} plants/s, {left} left", significant(rate, 3))
+}
+
 fn style() -> ProgressStyle {
-    let template = "{percent:>3} % [{bar:36}] {per_sec}, {eta} left";
-    ProgressStyle::with_template(template)
+    ProgressStyle::with_template("{percent:>3} % [{bar:32}] {msg}")
         .unwrap_or_else(|_| ProgressStyle::default_bar())
         .progress_chars("=> ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_pace_is_the_mean_since_the_start() {
+        let two = Duration::from_secs(2);
+        assert_eq!(pace(0, 1000, two), "");
+        assert_eq!(pace(500, 1000, two), "250 plants/s, 2 s left");
+        assert_eq!(pace(1000, 1000, two), "500 plants/s, 0 s left");
+        assert_eq!(pace(2, 2000, two), "1 plants/s, 33 min left");
+        assert_eq!(pace(2, 20_002, two), "1 plants/s, 5.6 h left");
+    }
 }

@@ -111,9 +111,11 @@ fn tick_label(value: f64, step_decade: i32, largest: f64) -> String {
 /// As [`plain`], but `2·10⁷` for numbers with many zeros.
 pub(crate) fn pretty(v: f64) -> String {
     let magnitude = if v == 0.0 { 0 } else { decade(v.abs()) };
-    if (-3..6).contains(&magnitude) || !v.is_finite() {
-        return plain(v);
-    }
+    if (-3..6).contains(&magnitude) || !v.is_finite() { plain(v) } else { powers(v) }
+}
+
+/// `v` as a multiple of a power of ten.
+fn powers(v: f64) -> String {
     let text = format!("{v:e}");
     let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
     let raised: String = exponent
@@ -141,13 +143,18 @@ pub(crate) fn log_ticks(from: f64, to: f64, wanted: usize) -> Vec<Tick> {
         return linear_ticks(from, to, wanted);
     }
     let (low, high) = (decade(from), decade(to));
-    let every = ((high - low) / wanted.max(1) as i32 + 1).max(1);
+    let every = ((high - low) as u32).div_ceil(wanted.max(1) as u32).max(1) as i32;
     let labelled: &[u32] = if decades < 1.7 {
         &[1, 2, 3, 5, 7]
     } else if decades * 3.0 <= wanted as f64 {
         &[1, 2, 5]
     } else {
         &[1]
+    };
+    // one notation for all labels
+    let raised = low < -3 || high > 5;
+    let print = |value: f64, exponent: i32| {
+        if raised && !(0..2).contains(&exponent) { powers(value) } else { plain(value) }
     };
     let mut ticks = Vec::new();
     for exponent in low..=high {
@@ -160,7 +167,7 @@ pub(crate) fn log_ticks(from: f64, to: f64, wanted: usize) -> Vec<Tick> {
                 continue;
             }
             let named = labelled.contains(&digit) && exponent.rem_euclid(every) == 0;
-            let label = if named { pretty(value) } else { String::new() };
+            let label = if named { print(value, exponent) } else { String::new() };
             ticks.push(Tick { value, label });
         }
     }

@@ -32,7 +32,9 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
 
     let range = upsilon_range(case);
     let y_scale = |start, end| Scale::new(range.low, range.high, range.log, start, end);
-    let numbers = canvas::y_axis_width(&y_scale(MAIN, 0.0), 60.0).max(52.0);
+    let margin = MarginRange::new(case);
+    let numbers = canvas::y_axis_width(&y_scale(MAIN, 0.0), 60.0)
+        .max(margin.as_ref().map_or(52.0, |m| canvas::y_axis_width(&m.scale(MARGIN, 0.0), 27.0)));
     let left = 36.0 + numbers.max(decisions::Strips::names_width(sets));
     let labels = curve_labels(sets, case, range.high);
     let widest = labels.iter().map(|l| canvas::width(&l.text, TICK)).fold(0.0, f64::max);
@@ -80,9 +82,9 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let strips = decisions::Strips { sets, x, area: Area { y: main.bottom() + 12.0, ..main } };
     body = body.add(strips.draw());
     let mut lowest = Area { h: strips.height(), ..strips.area };
-    if let Some(scale) = MarginRange::new(case) {
+    if let Some(range) = &margin {
         let area = Area { y: lowest.bottom() + 16.0, h: MARGIN, ..main };
-        body = body.add(panel.margin(area, &scale));
+        body = body.add(panel.margin(area, range));
         lowest = area;
     }
     body = body.add(canvas::x_axis(lowest, &x, true, false));
@@ -256,6 +258,10 @@ impl MarginRange {
         // half of the plants would hug the axis; the dips to zero are cut
         let low = (0.3 * quantile(0.1)).max(1e-6 * high);
         Some(Self { low, high: 1.5 * high, log: true })
+    }
+
+    fn scale(&self, start: f64, end: f64) -> Scale {
+        Scale::new(self.low, self.high, self.log, start, end)
     }
 }
 
@@ -484,11 +490,19 @@ impl Panel<'_> {
         let n = self.sets.models.len();
         let end = |l: &CurveLabel| {
             let u = self.case.upsilon[l.plant * n + l.model];
-            (self.x.at(self.values[l.plant]), self.y.at(u).clamp(self.main.y, self.main.bottom()))
+            // a curve that goes on above the panel leaves it at the top
+            let next = self.case.upsilon.get((l.plant + 1) * n + l.model);
+            let above = next.is_some_and(|next| next.is_finite());
+            let y = if above { self.main.y } else { self.y.at(u) };
+            (self.x.at(self.values[l.plant]), y.clamp(self.main.y, self.main.bottom()))
         };
         let mut order: Vec<&CurveLabel> = labels.iter().collect();
-        // from the top; models with the same value in their order
-        order.sort_by(|a, b| end(a).1.total_cmp(&end(b).1).then(a.model.cmp(&b.model)));
+        // from the top; of those that left it there the first one stands highest
+        order.sort_by(|a, b| {
+            let (ends, models) = ((end(a), end(b)), (a.model, b.model));
+            let by_y = ends.0.1.total_cmp(&ends.1.1);
+            by_y.then(ends.0.0.total_cmp(&ends.1.0)).then(models.0.cmp(&models.1))
+        });
         let wanted: Vec<f64> = order.iter().map(|l| end(l).1).collect();
         let sizes = vec![TICK + 2.0; wanted.len()];
         let Some(centers) = spread(&wanted, &sizes, self.main.y - 8.0, self.main.bottom() + 8.0)
@@ -522,8 +536,8 @@ impl Panel<'_> {
 
     /// The margin to the runner-up, in the colour of the winner.
     fn margin(&self, area: Area, range: &MarginRange) -> Group {
-        let y = Scale::new(range.low, range.high, range.log, area.bottom(), area.y);
-        let mut group = Group::new().add(canvas::y_axis(area, &y, 40.0, true));
+        let y = range.scale(area.bottom(), area.y);
+        let mut group = Group::new().add(canvas::y_axis(area, &y, 27.0, true));
         let points: Vec<(f64, f64)> = (self.values.iter().zip(&self.case.margin))
             .map(|(v, m)| (self.x.at(*v), y.at(m.clamp(range.low, f64::INFINITY))))
             .collect();

@@ -132,6 +132,17 @@ pub enum Error {
         /// The equation.
         what: String,
     },
+    /// A linear matrix equation without a unique solution.
+    #[error(
+        "{what}: no unique solution (relative correction {correction:.1e}): two eigenvalues add up to zero, or are reciprocal in discrete time; change a coefficient"
+    )]
+    NoUniqueSolution {
+        /// The equation.
+        what: String,
+        /// What a correction of the best attempt still changed, relative to it;
+        /// NaN if there was none.
+        correction: f64,
+    },
     /// A plant whose loop is unstable has no stationary output error.
     #[error(
         "plant {index} ({parameters}) is unstable in its loop (mode {mode}): narrow the grid, or change the controller"

@@ -2,5 +2,11 @@
 
 mod common;
 
+#[path = "solve/batch.rs"]
+mod batch;
+#[path = "solve/faults.rs"]
+mod faults;
+#[path = "solve/properties.rs"]
+mod properties;
 #[path = "solve/reference.rs"]
 mod reference;

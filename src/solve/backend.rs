@@ -8,6 +8,7 @@ use faer::linalg::evd::{
 };
 use faer::linalg::lu::partial_pivoting::{factor as lu, solve as lu_solve};
 use faer::linalg::qr::no_pivoting::{factor as qr, solve as qr_solve};
+use faer::perm::PermRef;
 use faer::prelude::Solve;
 use faer::prelude::default;
 use faer::{Mat, MatRef, Par, Side};
@@ -122,28 +123,42 @@ pub fn singular_values(a: MatRef<'_, f64>) -> Result<Vec<f64>> {
     a.singular_values().map_err(|_| failed("singular values", a.nrows()))
 }
 
-/// `A^-1 B` by LU with partial pivoting, and `ln|det A|`; `None` if a pivot is
-/// zero or not finite.
-pub(crate) fn solve(mut a: Mat<f64>, mut b: Mat<f64>) -> Option<(Mat<f64>, f64)> {
-    let n = a.nrows();
-    let (mut perm, mut perm_inv) = (vec![0_usize; n], vec![0_usize; n]);
-    let scratch = lu::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, default())
-        .or(lu_solve::solve_in_place_scratch::<usize, f64>(n, b.ncols(), Par::Seq));
-    let mut memory = MemBuffer::new(scratch);
-    let stack = MemStack::new(&mut memory);
-    let (_, perm) =
+/// `P A = L U` with partial pivoting.
+pub(crate) struct Factors {
+    lu: Mat<f64>,
+    perm: Vec<usize>,
+    perm_inv: Vec<usize>,
+}
+
+impl Factors {
+    /// Factors `a`; `None` if a pivot is zero or not finite.
+    pub(crate) fn new(mut a: Mat<f64>) -> Option<Self> {
+        let n = a.nrows();
+        let (mut perm, mut perm_inv) = (vec![0_usize; n], vec![0_usize; n]);
+        let scratch = lu::lu_in_place_scratch::<usize, f64>(n, n, Par::Seq, default());
+        let mut memory = MemBuffer::new(scratch);
+        let stack = MemStack::new(&mut memory);
         lu::lu_in_place(a.as_mut(), &mut perm, &mut perm_inv, Par::Seq, stack, default());
-    let mut log_det = 0.0;
-    for i in 0..n {
-        let pivot = a[(i, i)].abs();
-        if !(pivot > 0.0 && pivot.is_finite()) {
-            return None;
-        }
-        log_det += libm::log(pivot);
+        let sound = (0..n).all(|i| a[(i, i)] != 0.0 && a[(i, i)].is_finite());
+        sound.then_some(Factors { lu: a, perm, perm_inv })
     }
-    let stack = MemStack::new(&mut memory);
-    lu_solve::solve_in_place(a.as_ref(), a.as_ref(), perm, b.as_mut(), Par::Seq, stack);
-    Some((b, log_det))
+
+    /// `ln|det A|`.
+    pub(crate) fn log_det(&self) -> f64 {
+        (0..self.lu.nrows()).map(|i| libm::log(self.lu[(i, i)].abs())).sum()
+    }
+
+    /// `B <- A^-1 B`.
+    pub(crate) fn solve(&self, b: &mut Mat<f64>) {
+        let n = self.lu.nrows();
+        let scratch = lu_solve::solve_in_place_scratch::<usize, f64>(n, b.ncols(), Par::Seq);
+        let mut memory = MemBuffer::new(scratch);
+        let stack = MemStack::new(&mut memory);
+        // Made by the factorisation: a permutation and its inverse.
+        let perm = PermRef::new_checked(&self.perm, &self.perm_inv, n);
+        let factors = self.lu.as_ref();
+        lu_solve::solve_in_place(factors, factors, perm, b.as_mut(), Par::Seq, stack);
+    }
 }
 
 /// The `X` of least `|A X - B|`, `A` with at least as many rows as columns, by

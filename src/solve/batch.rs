@@ -5,7 +5,8 @@ use faer::MatRef;
 use crate::error::{Error, Result};
 use crate::par::{RunControl, map_parts};
 use crate::real::Real;
-use crate::simd::{LANES, Tier};
+use crate::simd::{Kernel, LANES, Tier, dispatch};
+use crate::solve::lanes::outlined;
 use crate::solve::problem::{Field, check_item};
 use crate::solve::report::{ItemReport, Solutions};
 
@@ -102,33 +103,46 @@ fn finish(report: &mut ItemReport, x: &mut [f64], cols: usize) {
     }
 }
 
-/// Copies entries of `field` for the items `at` (one a lane) to lanes. Lanes of
-/// a bad item receive `substitute(row, col)`.
-#[inline(always)]
-pub(super) fn gather<T: Real>(
-    field: &Field<'_>,
-    at: &[Option<usize>],
-    substitute: impl Fn(usize, usize) -> f64,
-    out: &mut [T],
-) {
-    let (rows, cols) = field.shape();
-    for i in 0..rows {
-        for j in 0..cols {
-            out[i * cols + j] = T::from_fn(|lane| match at[lane] {
-                Some(item) if field.symmetric() => {
-                    let x = field.item(item);
-                    mean(x[i * cols + j], x[j * cols + i])
-                }
-                Some(item) => field.item(item)[i * cols + j],
-                None => substitute(i, j),
-            });
+outlined! {
+    /// Copies entries of `field` for the items `at` (one a lane) to lanes. Lanes
+    /// of a bad item receive `substitute(row, col)`.
+    pub(super) fn gather(field: &'a Field<'a>, at: &'a [Option<usize>], substitute: fn(usize, usize) -> f64, out: &'a mut [T]) {
+        let (rows, cols) = field.shape();
+        for i in 0..rows {
+            for j in 0..cols {
+                out[i * cols + j] = T::from_fn(|lane| match at[lane] {
+                    Some(item) if field.symmetric() => {
+                        let x = field.item(item);
+                        mean(x[i * cols + j], x[j * cols + i])
+                    }
+                    Some(item) => field.item(item)[i * cols + j],
+                    None => substitute(i, j),
+                });
+            }
         }
+    }
+}
+
+/// Runs a chunk on the fastest tier, or in tests on the given one.
+pub(super) fn launch(
+    tier: Option<Tier>,
+    chunk: impl Kernel<Out = Vec<ItemReport>>,
+) -> Vec<ItemReport> {
+    match tier {
+        #[cfg(test)]
+        Some(tier) => crate::simd::dispatch_on(tier, chunk).unwrap_or_default(),
+        _ => dispatch(chunk),
     }
 }
 
 /// The mean of two numbers, exact where they are equal.
 fn mean(x: f64, y: f64) -> f64 {
     if x == y { x } else { 0.5 * x + 0.5 * y }
+}
+
+/// Zero as a substitute.
+pub(super) fn zero(_: usize, _: usize) -> f64 {
+    0.0
 }
 
 /// The identity as a substitute.
@@ -167,18 +181,4 @@ pub(super) fn check_shape(what: &str, x: MatRef<'_, f64>, want: [usize; 2]) -> R
 /// The entries of `x`, row by row.
 pub(super) fn rows_of(x: MatRef<'_, f64>) -> Vec<f64> {
     (0..x.nrows()).flat_map(|i| (0..x.ncols()).map(move |j| x[(i, j)])).collect()
-}
-
-/// The tier, if this CPU has it.
-///
-/// # Errors
-/// `Conflict` if not.
-pub(super) fn available(tier: Tier) -> Result<Tier> {
-    if tier.available() {
-        return Ok(tier);
-    }
-    Err(Error::Conflict {
-        problem: format!("this CPU does not run the {tier} tier"),
-        remedy: "take one for which Tier::available is true".into(),
-    })
 }

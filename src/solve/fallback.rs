@@ -7,7 +7,7 @@
 
 use faer::Mat;
 
-use crate::solve::backend;
+use crate::solve::backend::{self, Factors};
 use crate::solve::lanes::{Coefficients, Kind};
 
 /// Steps after which the sign iteration is given up.
@@ -49,15 +49,18 @@ pub(super) fn sign_start(
         Kind::Continuous => blocks(1.0, 0.0, -1.0, -1.0, -1.0),
         Kind::Discrete => {
             let sum = blocks(1.0, 1.0, 1.0, -1.0, 1.0);
-            let difference = blocks(1.0, -1.0, -1.0, -1.0, -1.0);
-            backend::solve(sum, difference)?.0
+            let mut z = blocks(1.0, -1.0, -1.0, -1.0, -1.0);
+            Factors::new(sum)?.solve(&mut z);
+            z
         }
     };
-    let identity = || Mat::<f64>::identity(2 * n, 2 * n);
     let mut last = f64::INFINITY;
     for step in 1..=MAX_STEPS {
-        let (inverse, log_det) = backend::solve(z.clone(), identity())?;
-        let scale = if step <= SCALED_STEPS { libm::exp(-log_det / (2 * n) as f64) } else { 1.0 };
+        let factors = Factors::new(z.clone())?;
+        let mut inverse = Mat::<f64>::identity(2 * n, 2 * n);
+        factors.solve(&mut inverse);
+        let mean_log = factors.log_det() / (2 * n) as f64;
+        let scale = if step <= SCALED_STEPS { libm::exp(-mean_log) } else { 1.0 };
         if !(scale > 0.0 && scale.is_finite()) {
             return None;
         }

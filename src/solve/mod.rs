@@ -1,18 +1,26 @@
 //! Riccati, Lyapunov and Sylvester equations, one at a time and in batches.
 
 pub mod backend;
-#[allow(dead_code, reason = "the linear equations come next")]
 mod batch;
 mod fallback;
-#[allow(dead_code, unused_imports, reason = "the linear equations that use the rest come next")]
+mod kronecker;
+#[allow(dead_code, unused_imports, reason = "a toolbox: not every equation is in use")]
 pub(crate) mod lanes;
+mod linear;
 mod modes;
-#[allow(dead_code, reason = "the linear equations come next")]
 mod problem;
 mod report;
 mod riccati;
 
+pub use linear::{
+    lyapunov_continuous, lyapunov_continuous_one, lyapunov_continuous_with, lyapunov_discrete,
+    lyapunov_discrete_one, lyapunov_discrete_with, sylvester_continuous, sylvester_continuous_one,
+    sylvester_continuous_with, sylvester_discrete, sylvester_discrete_one, sylvester_discrete_with,
+};
 pub use modes::{Mode, Region, least_stable_mode, unseen_mode};
 pub use problem::{Care, Dare, Lyapunov, Riccati, Sylvester};
 pub use report::{ItemReport, Method, Solution, Solutions};
-pub use riccati::{care, care_on, care_one, care_with, dare, dare_on, dare_one, dare_with};
+pub use riccati::{care, care_one, care_with, dare, dare_one, dare_with};
+
+#[cfg(test)]
+mod tests;

@@ -5,10 +5,10 @@ use faer::MatRef;
 use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
-use crate::simd::{Kernel, Tier, dispatch, dispatch_on};
-use crate::solve::batch::{self, Equation, gather, lanes_of, minus_unit, unit};
+use crate::simd::{Kernel, Tier};
+use crate::solve::batch::{self, Equation, gather, lanes_of, launch, minus_unit, unit, zero};
 use crate::solve::fallback::sign_start;
-use crate::solve::lanes::{Block, Data, Kind};
+use crate::solve::lanes::{Block, Coefficients, Data, Kind};
 use crate::solve::problem::{Field, Riccati};
 use crate::solve::report::{ItemReport, Method, Solution, Solutions};
 
@@ -35,19 +35,40 @@ impl Kernel for Chunk<'_> {
     fn run<T: Real>(self) -> Vec<ItemReport> {
         let Chunk { batch, first, bad, x } = self;
         let mut block = Block::<T>::new(batch.n, batch.m);
+        let size = batch.n * batch.n;
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
             let at = lanes_of::<T>(first, start, bad);
             batch.load(&at, &mut block.data);
             block.solve(batch.kind);
             for lane in 0..T::LANES.min(bad.len() - start) {
-                let size = block.x.len();
                 let out = &mut x[(start + lane) * size..][..size];
                 reports.push(read(&block, lane, Method::Doubling, out));
             }
         }
+        for (local, report) in reports.iter_mut().enumerate() {
+            if report.status.is_err() && !bad[local] && !batch.is_hopeless(report) {
+                batch.load(&vec![Some(first + local); T::LANES], &mut block.data);
+                block.solve_from(batch.kind, |c| sign_start_in_lanes(batch.kind, batch.n, c));
+                let out = &mut x[local * size..][..size];
+                let second = read(&block, 0, Method::Fallback, out);
+                batch.take_over(report, second);
+            }
+        }
         reports
     }
+}
+
+/// [`sign_start`] for a block whose lanes all hold one equation.
+fn sign_start_in_lanes<T: Real>(
+    kind: Kind,
+    n: usize,
+    c: Coefficients<'_, T>,
+) -> Option<(Vec<T>, T)> {
+    let lane = |x: &[T]| x.iter().map(|v| v.lane(0)).collect::<Vec<f64>>();
+    let (a, g, q) = (lane(c.a), lane(c.g), lane(c.q));
+    let (x, steps) = sign_start(kind, n, Coefficients { a: &a, g: &g, q: &q })?;
+    Some((x.into_iter().map(T::splat).collect(), T::splat(f64::from(steps))))
 }
 
 /// Copies the solution of one lane to `x`; its status is an error if the lane
@@ -81,58 +102,42 @@ impl Batch<'_> {
     #[inline(always)]
     fn load<T: Real>(&self, at: &[Option<usize>], d: &mut Data<T>) {
         gather(&self.fields[0], at, minus_unit, &mut d.a);
-        gather(&self.fields[1], at, |_, _| 0.0, &mut d.b);
+        gather(&self.fields[1], at, zero, &mut d.b);
         gather(&self.fields[2], at, unit, &mut d.q);
         gather(&self.fields[3], at, unit, &mut d.r);
         match self.fields.get(4) {
-            Some(s) => gather(s, at, |_, _| 0.0, &mut d.s),
+            Some(s) => gather(s, at, zero, &mut d.s),
             None => d.s.fill(T::zero()),
         }
     }
 
-    /// Tries item `k`, which failed in lanes as `report` says, in another way.
-    fn retry(&self, k: usize, x: &mut [f64], report: &mut ItemReport) {
+    /// True if another start would not help.
+    fn is_hopeless(&self, report: &ItemReport) -> bool {
         let indefinite = matches!(report.status, Err(Error::NotPositiveDefinite { .. }));
-        if indefinite && self.kind == Kind::Continuous {
-            return;
-        }
-        let mut block = Block::<f64>::new(self.n, self.m);
-        self.load(&[Some(k)], &mut block.data);
-        block.solve_from(self.kind, |c| {
-            sign_start(self.kind, self.n, c).map(|(x, steps)| (x, f64::from(steps)))
-        });
-        let mut second = read(&block, 0, Method::Fallback, x);
+        indefinite && self.kind == Kind::Continuous
+    }
+
+    /// Replaces the report of a failed item by that of its second attempt.
+    fn take_over(&self, report: &mut ItemReport, mut second: ItemReport) {
         second.iterations += report.iterations;
-        if second.status.is_ok() {
-            *report = second;
-            return;
+        if second.status.is_err() {
+            let what = if self.kind == Kind::Continuous { "CARE" } else { "DARE" }.into();
+            let residual = report.residual.min(second.residual);
+            let iterations = second.iterations;
+            second.status = Err(Error::NoStabilizingSolution { what, residual, iterations });
+            second.method = Method::None;
         }
-        let what = if self.kind == Kind::Continuous { "CARE" } else { "DARE" }.into();
-        let (residual, iterations) = (report.residual, second.iterations);
-        report.iterations = iterations;
-        report.status = Err(Error::NoStabilizingSolution { what, residual, iterations });
+        *report = second;
     }
 }
 
 impl Equation for Batch<'_> {
     fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
-        let chunk = Chunk { batch: self, first, bad, x: &mut *x };
-        let mut reports = match self.tier {
-            // A tier that this CPU lacks is refused before the batch starts.
-            Some(tier) => dispatch_on(tier, chunk).unwrap_or_default(),
-            None => dispatch(chunk),
-        };
-        let items = x.chunks_exact_mut(self.n * self.n).zip(&mut reports);
-        for (local, (x, report)) in items.enumerate() {
-            if report.status.is_err() && !bad[local] {
-                self.retry(first + local, x, report);
-            }
-        }
-        reports
+        launch(self.tier, Chunk { batch: self, first, bad, x })
     }
 }
 
-fn run(
+pub(super) fn run(
     kind: Kind,
     problem: &Riccati<'_>,
     tier: Option<Tier>,
@@ -214,14 +219,6 @@ pub fn care_with(problem: &Riccati<'_>, control: &RunControl<'_>) -> Result<Solu
     run(Kind::Continuous, problem, None, control)
 }
 
-/// As [`care`] on the given instruction set: for tests and measurements.
-///
-/// # Errors
-/// As [`care`], and `Conflict` if this CPU lacks it.
-pub fn care_on(tier: Tier, problem: &Riccati<'_>) -> Result<Solutions> {
-    run(Kind::Continuous, problem, Some(batch::available(tier)?), &RunControl::default())
-}
-
 /// Stabilizing solution of one continuous-time algebraic Riccati equation.
 ///
 /// ```text
@@ -295,14 +292,6 @@ pub fn dare(problem: &Riccati<'_>) -> Result<Solutions> {
 /// As [`dare`], and `Cancelled`.
 pub fn dare_with(problem: &Riccati<'_>, control: &RunControl<'_>) -> Result<Solutions> {
     run(Kind::Discrete, problem, None, control)
-}
-
-/// As [`dare`] on the given instruction set: for tests and measurements.
-///
-/// # Errors
-/// As [`dare`], and `Conflict` if this CPU lacks it.
-pub fn dare_on(tier: Tier, problem: &Riccati<'_>) -> Result<Solutions> {
-    run(Kind::Discrete, problem, Some(batch::available(tier)?), &RunControl::default())
 }
 
 /// Stabilizing solution of one discrete-time algebraic Riccati equation.

@@ -1,8 +1,7 @@
 //! Scaling by powers of two, lane by lane, so that units do not matter.
 
-use super::ops::outlined;
+use super::ops::{largest, outlined};
 use crate::real::{Mask, Real};
-use crate::small::norm_max;
 
 /// Sweeps over the states; units that differ by many decades need a few.
 const SWEEPS: usize = 6;
@@ -10,18 +9,26 @@ const SWEEPS: usize = 6;
 /// Exponent of the largest entry, 0 where there is none but zeros.
 #[inline(always)]
 pub(crate) fn exponent_of<T: Real>(x: &[T]) -> T {
-    let largest = norm_max(x);
+    let largest = largest(x);
     let (_, e) = largest.split();
     T::select(largest.gt(T::zero()), e, T::zero())
 }
 
-/// `x *= 2^e`, in two steps so that `e` may go beyond the range of one.
+/// The factors whose product is `2^e`, so that `e` may go beyond the range of
+/// one.
 #[inline(always)]
-pub(crate) fn shift<T: Real>(x: &mut [T], e: T) {
+fn factors<T: Real>(e: T) -> (T, T) {
     let first = (e * T::splat(0.5)).round_ties_even();
-    let (u, v) = (T::pow2i(first), T::pow2i(e - first));
-    for x in x {
-        *x = *x * u * v;
+    (T::pow2i(first), T::pow2i(e - first))
+}
+
+outlined! {
+    /// `x *= 2^e`.
+    pub(crate) fn shift(x: &'a mut [T], e: T) {
+        let (u, v) = factors(e);
+        for x in x {
+            *x = *x * u * v;
+        }
     }
 }
 
@@ -110,18 +117,16 @@ fn exponent<T: Real>(n: usize, i: usize, [a, g, q]: [&[T]; 3]) -> T {
     e.min(T::splat(500.0)).max(T::splat(-500.0))
 }
 
-/// Applies the exponents `k`: `x_ij *= 2^(row k_i + col k_j)`, `x` rows by cols;
-/// `row` and `col` are -1, 0 or 1.
-#[inline(always)]
-pub(crate) fn apply<T: Real>(k: &[T], [row, col]: [f64; 2], x: &mut [T], [rows, cols]: [usize; 2]) {
-    for i in 0..rows {
-        let line = &mut x[i * cols..][..cols];
-        if row != 0.0 {
-            shift(line, k[i] * T::splat(row));
-        }
-        if col != 0.0 {
-            for (x, &e) in line.iter_mut().zip(k) {
-                shift(std::slice::from_mut(x), e * T::splat(col));
+outlined! {
+    /// Applies the exponents `k`: `x_ij *= 2^(row k_i + col k_j)`, `x` rows by
+    /// cols; `row` and `col` are -1, 0 or 1.
+    pub(crate) fn apply(k: &'a [T], sides: [f64; 2], x: &'a mut [T], size: [usize; 2]) {
+        let ([row, col], [rows, cols]) = (sides, size);
+        for i in 0..rows {
+            for j in 0..cols {
+                let of = |side: f64, at: usize| if side == 0.0 { T::zero() } else { k[at] * T::splat(side) };
+                let (u, v) = factors(of(row, i) + of(col, j));
+                x[i * cols + j] = x[i * cols + j] * u * v;
             }
         }
     }

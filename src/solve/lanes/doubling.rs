@@ -1,7 +1,7 @@
 //! Structure-preserving doubling for Riccati equations, across lanes.
 
 use super::balance::exponent_of;
-use super::ops::outlined;
+use super::ops::{assign, norm, outlined};
 use super::powers::{gamma_near, mean_log2_of_pivots};
 use crate::real::{Mask, Real};
 use crate::small::{
@@ -78,66 +78,6 @@ impl<T: Real> Doubling<T> {
         self.e.copy_from_slice(c.a);
         self.g.copy_from_slice(c.g);
         self.h.copy_from_slice(c.q);
-    }
-
-    /// A Cayley parameter: about the geometric mean of `|lambda|` over the
-    /// eigenvalues of the Hamiltonian, from its determinant.
-    #[inline(always)]
-    pub(crate) fn gamma(&mut self, c: Coefficients<'_, T>) -> T {
-        let n = self.n;
-        self.hamiltonian(c, T::zero());
-        let [m, _] = &mut self.big;
-        let size = exponent_of(m);
-        let regular = lu_factor(Dyn(2 * n), m, &mut self.perm).ok;
-        let mean = mean_log2_of_pivots(2 * n, m);
-        gamma_near(T::select(regular, mean, size), size)
-    }
-
-    /// `N = [[A - gamma I, -G], [-Q, -(A - gamma I)']]`.
-    #[inline(always)]
-    fn hamiltonian(&mut self, c: Coefficients<'_, T>, gamma: T) {
-        let n = self.n;
-        for big in &mut self.big {
-            big.resize(4 * n * n, T::zero());
-        }
-        let [m, _] = &mut self.big;
-        for i in 0..n {
-            for j in 0..n {
-                let shift = if i == j { gamma } else { T::zero() };
-                m[i * 2 * n + j] = c.a[i * n + j] - shift;
-                m[i * 2 * n + n + j] = -c.g[i * n + j];
-                m[(n + i) * 2 * n + j] = -c.q[i * n + j];
-                m[(n + i) * 2 * n + n + j] = shift - c.a[j * n + i];
-            }
-        }
-    }
-
-    /// Starts on a continuous equation with the Cayley parameter `gamma`.
-    ///
-    /// ```text
-    /// T = N^-1:   E = I + 2 gamma T11,   G = -2 gamma T12,   H = -2 gamma T21
-    /// ```
-    /// One inverse of order 2n, which exists whenever `gamma` is no eigenvalue of
-    /// the Hamiltonian, even where `A - gamma I` is singular. False in lanes
-    /// where it does not.
-    #[inline(always)]
-    pub(crate) fn start_continuous(&mut self, c: Coefficients<'_, T>, gamma: T) -> T::Mask {
-        let n = self.n;
-        self.hamiltonian(c, gamma);
-        let [m, t] = &mut self.big;
-        let regular = inverse(Dyn(2 * n), m, t, &mut self.perm).ok;
-        let two_gamma = T::select(regular, gamma + gamma, T::zero());
-        let half = -T::splat(0.5) * two_gamma;
-        for i in 0..n {
-            for j in 0..n {
-                let one = if i == j { T::one() } else { T::zero() };
-                self.e[i * n + j] = two_gamma.mul_add(t[i * 2 * n + j], one);
-                let mean = |x: T, y: T| half * (x + y);
-                self.g[i * n + j] = mean(t[i * 2 * n + n + j], t[j * 2 * n + n + i]);
-                self.h[i * n + j] = mean(t[(n + i) * 2 * n + j], t[(n + j) * 2 * n + i]);
-            }
-        }
-        regular
     }
 
     /// Doubles until `H` settles in every lane of `wanted`, or the steps run out.
@@ -220,12 +160,75 @@ outlined! {
         mul(n, n, n, &d.h, w, u);
         d.next_h.fill(T::zero());
         sym_mul_add_tn(n, n, &d.e, u, &mut d.next_h);
-        let change = dot(&d.next_h, &d.next_h).sqrt();
+        let change = norm(&d.next_h);
         for (x, &h) in d.next_h.iter_mut().zip(&d.h) {
             *x = *x + h;
         }
         // E+ = E V1
         mul(n, n, n, &d.e, w, u);
-        (change, dot(&d.next_h, &d.next_h).sqrt(), regular)
+        (change, norm(&d.next_h), regular)
+    }
+}
+
+outlined! {
+    /// `N = [[A - gamma I, -G], [-Q, -(A - gamma I)']]`.
+    fn hamiltonian(d: &'a mut Doubling<T>, c: Coefficients<'a, T>, gamma: T) {
+        let n = d.n;
+        for big in &mut d.big {
+            big.resize(4 * n * n, T::zero());
+        }
+        let [m, _] = &mut d.big;
+        for i in 0..n {
+            for j in 0..n {
+                let shift = if i == j { gamma } else { T::zero() };
+                m[i * 2 * n + j] = c.a[i * n + j] - shift;
+                m[i * 2 * n + n + j] = -c.g[i * n + j];
+                m[(n + i) * 2 * n + j] = -c.q[i * n + j];
+                m[(n + i) * 2 * n + n + j] = shift - c.a[j * n + i];
+            }
+        }
+    }
+}
+
+outlined! {
+    /// A Cayley parameter: about the geometric mean of `|lambda|` over the
+    /// eigenvalues of the Hamiltonian, from its determinant.
+    pub(crate) fn gamma(d: &'a mut Doubling<T>, c: Coefficients<'a, T>) -> T {
+        let n = d.n;
+        hamiltonian(d, c, T::zero());
+        let [m, _] = &mut d.big;
+        let size = exponent_of(m);
+        let regular = lu_factor(Dyn(2 * n), m, &mut d.perm).ok;
+        let mean = mean_log2_of_pivots(2 * n, m);
+        gamma_near(T::select(regular, mean, size), size)
+    }
+}
+
+outlined! {
+    /// Starts on a continuous equation with the Cayley parameter `gamma`.
+    ///
+    /// ```text
+    /// T = N^-1:   E = I + 2 gamma T11,   G = -2 gamma T12,   H = -2 gamma T21
+    /// ```
+    /// One inverse of order 2n, which exists whenever `gamma` is no eigenvalue of
+    /// the Hamiltonian, even where `A - gamma I` is singular. False in lanes
+    /// where it does not.
+    pub(crate) fn start_continuous(d: &'a mut Doubling<T>, c: Coefficients<'a, T>, gamma: T) -> T::Mask {
+        let n = d.n;
+        hamiltonian(d, c, gamma);
+        let [m, t] = &mut d.big;
+        let regular = inverse(Dyn(2 * n), m, t, &mut d.perm).ok;
+        let two_gamma = T::select(regular, gamma + gamma, T::zero());
+        let half = -T::splat(0.5) * two_gamma;
+        for i in 0..n {
+            for j in 0..n {
+                let one = if i == j { T::one() } else { T::zero() };
+                d.e[i * n + j] = two_gamma.mul_add(t[i * 2 * n + j], one);
+                let mean = |x: T, y: T| half * (x + y);
+                d.g[i * n + j] = mean(t[i * 2 * n + n + j], t[j * 2 * n + n + i]);
+                d.h[i * n + j] = mean(t[(n + i) * 2 * n + j], t[(n + j) * 2 * n + i]);
+            }
+        }
+        regular
     }
 }

@@ -21,18 +21,24 @@
 //! a Sylvester equation both coefficients must be stable, and with one `gamma`.
 
 mod balance;
+mod data;
 mod double;
 mod doubling;
+mod linear;
 mod newton;
 mod ops;
 mod powers;
+mod residual;
 mod riccati;
 mod smith;
 
 pub(crate) use balance::balance;
+pub(crate) use data::{Data, Kind};
 pub(crate) use doubling::Coefficients;
+pub(crate) use linear::{Inverse, Linear};
+pub(crate) use ops::outlined;
 pub(crate) use powers::{Cayley, Powers, gamma_of, splat};
-pub(crate) use riccati::{Block, Data, Kind};
+pub(crate) use riccati::Block;
 pub(crate) use smith::{
     lyapunov, lyapunov_dual, stein, stein_dual, stein_pair, stein_pair_nt, sylvester, sylvester_nt,
 };

@@ -1,16 +1,23 @@
 //! Newton's correction of a Riccati solution, which also verifies it.
 
-use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
+use super::data::{Data, Kind};
+use super::ops::{add_where, largest, norm, outlined, transpose};
 use super::powers::{Cayley, gamma_of};
-use super::riccati::{Data, Kind};
+use super::residual::{gain, residual, sharpen};
 use super::smith::{lyapunov_dual, stein_dual};
 use crate::real::{Mask, Real};
-use crate::small::{Dyn, lu_factor, lu_solve, mul_add, mul_tn, norm_frobenius, transpose};
+use crate::small::{Dyn, cholesky, mul, mul_tn, solve_lower, sym_mul_nt, symmetrize};
 
 /// Corrections after which a lane is given up.
 const MAX_CORRECTIONS: usize = 6;
 /// Relative correction whose square is below rounding: it is the last.
 const LAST: f64 = 1e-10;
+
+/// Added to the diagonal of `X` before it is factored, relative to the entry and
+/// (times the share) to the largest: a singular `X` has roundings for eigenvalues.
+const SLACK: f64 = 1.0 / (1_u64 << 40) as f64;
+/// See [`SLACK`].
+const SLACK_SHARE: f64 = 1.0 / (1_u64 << 10) as f64;
 
 /// Scratch and results of the correction.
 #[derive(Debug, Clone)]
@@ -27,17 +34,19 @@ pub(crate) struct Newton<T: Real> {
     pub(crate) steps: T,
     cayley: Cayley<T>,
     /// Gain, m by n, and a product of the same shape in two parts.
-    k: Vec<T>,
-    v: [Vec<T>; 2],
+    pub(super) k: Vec<T>,
+    pub(super) v: [Vec<T>; 2],
     /// `R + B'XB` and the exchanges of its factors.
-    r: Vec<T>,
-    perm: Vec<T>,
+    pub(super) r: Vec<T>,
+    pub(super) perm: Vec<T>,
     /// Closed loop and a product, in two parts each.
-    loop_: [Vec<T>; 2],
-    p: [Vec<T>; 2],
-    m: [Vec<T>; 2],
-    dx: Vec<T>,
-    work: Vec<T>,
+    pub(super) loop_: [Vec<T>; 2],
+    pub(super) p: [Vec<T>; 2],
+    pub(super) m: [Vec<T>; 2],
+    pub(super) dx: Vec<T>,
+    pub(super) work: Vec<T>,
+    /// Factor of `X`, in whose coordinates the correction is computed.
+    factor: Vec<T>,
 }
 
 impl<T: Real> Newton<T> {
@@ -62,6 +71,7 @@ impl<T: Real> Newton<T> {
             m: two(n * n),
             dx: zeros(n * n),
             work: zeros(2 * n * n.max(m)),
+            factor: zeros(n * n),
         }
     }
 
@@ -86,20 +96,21 @@ impl<T: Real> Newton<T> {
             if !active.any() {
                 return;
             }
-            self.gain(kind, d, x);
-            let size = self.residual_of(kind, d, x);
-            let residual = norm_frobenius(&self.dx) / size;
+            let regular = gain(self, kind, d, x);
+            let size = residual(self, kind, d, x);
+            sharpen(self, kind, d, x);
+            let residual = norm(&self.dx) / size;
+            enter(self, d.n, x);
             let stable = self.solve(kind, d.n);
-            let correction = norm_frobenius(&self.dx) / norm_frobenius(x);
+            leave(self, d.n);
+            let correction = norm(&self.dx) / norm(x);
             // X = 0 is corrected by 0: not a failure
-            let none = norm_frobenius(&self.dx).eq(T::zero());
+            let none = norm(&self.dx).eq(T::zero());
             let correction = T::select(none, T::zero(), correction);
-            let sound = active & stable & correction.is_finite();
+            let sound = active & regular & stable & correction.is_finite();
             self.residual = T::select(active, residual, self.residual);
             self.correction = T::select(active, correction, self.correction);
-            for (x, &y) in x.iter_mut().zip(&self.dx) {
-                *x = T::select(sound, *x + y, *x);
-            }
+            add_where(sound, x, &self.dx);
             let last = sound & correction.le(T::splat(LAST));
             let margin = T::from_fn(|lane| match kind {
                 Kind::Continuous => self.cayley.margin(lane),
@@ -111,98 +122,6 @@ impl<T: Real> Newton<T> {
             self.done = self.done | last;
             active = sound & !last;
         }
-    }
-
-    /// The gain for `x`.
-    #[inline(always)]
-    fn gain(&mut self, kind: Kind, d: &Data<T>, x: &[T]) {
-        let (n, m) = (Dyn(d.n), Dyn(d.m));
-        let product = &mut self.work[..d.m * d.n];
-        self.r.copy_from_slice(&d.r);
-        transpose(n, m, &d.s, &mut self.k);
-        match kind {
-            Kind::Continuous => crate::small::mul_add_tn(m, n, n, &d.b, x, &mut self.k),
-            Kind::Discrete => {
-                mul_tn(m, n, n, &d.b, x, product);
-                mul_add(m, n, m, product, &d.b, &mut self.r);
-                mul_add(m, n, n, product, &d.a, &mut self.k);
-            }
-        }
-        let perm = &mut self.perm[..d.m];
-        let _ = lu_factor(m, &mut self.r, perm);
-        lu_solve(m, n, &self.r, perm, &mut self.k);
-    }
-
-    /// The residual of `x`, into `dx`; returns the sum of the norms of its terms.
-    ///
-    /// ```text
-    /// continuous   Q + sym(2 X A_K + K'(R K - 2 S'))
-    /// discrete     Q - X + sym(A_K' X A_K + K'(R K - 2 S')),     sym(M) = (M + M')/2
-    /// ```
-    /// For any `K` these differ from the equation by the square of the error in
-    /// `K`: a gain in working precision will do, and `R^-1` never enters. They
-    /// are summed in twice the working precision, on the data as given.
-    #[inline(always)]
-    fn residual_of(&mut self, kind: Kind, d: &Data<T>, x: &[T]) -> T {
-        let (n, m) = (d.n, d.m);
-        let [loop_hi, loop_lo] = &mut self.loop_;
-        loop_hi.copy_from_slice(&d.a);
-        loop_lo.fill(T::zero());
-        let k = Pair::from(&self.k[..]);
-        let target = PairMut { hi: loop_hi, lo: loop_lo };
-        mul_add_two(Form::Plain, -1.0, Pair::from(&d.b[..]), k, target, [n, m, n]);
-        // V = R K - 2 S'
-        let [v_hi, v_lo] = &mut self.v;
-        for j in 0..m {
-            for i in 0..n {
-                v_hi[j * n + i] = T::splat(-2.0) * d.s[i * m + j];
-            }
-        }
-        v_lo.fill(T::zero());
-        let target = PairMut { hi: v_hi, lo: v_lo };
-        mul_add_two(Form::Plain, 1.0, Pair::from(&d.r[..]), k, target, [m, m, n]);
-        let v = Pair { hi: &self.v[0], lo: &self.v[1] };
-        // P = X A_K
-        let closed = Pair { hi: &self.loop_[0], lo: &self.loop_[1] };
-        let [p_hi, p_lo] = &mut self.p;
-        p_hi.fill(T::zero());
-        p_lo.fill(T::zero());
-        let target = PairMut { hi: &mut *p_hi, lo: &mut *p_lo };
-        mul_add_two(Form::Plain, 1.0, Pair::from(x), closed, target, [n, n, n]);
-        // M = K' V, then + 2 P or + A_K' P
-        let [m_hi, m_lo] = &mut self.m;
-        m_hi.fill(T::zero());
-        m_lo.fill(T::zero());
-        let target = PairMut { hi: &mut *m_hi, lo: &mut *m_lo };
-        mul_add_two(Form::LeftTransposed, 1.0, k, v, target, [n, m, n]);
-        let mut size = norm_frobenius(&d.q) + norm_frobenius(m_hi);
-        let two = T::splat(2.0);
-        match kind {
-            Kind::Continuous => {
-                size = two.mul_add(norm_frobenius(p_hi), size);
-                for i in 0..n * n {
-                    let (s, e) = two_sum(m_hi[i], two * p_hi[i]);
-                    m_hi[i] = s;
-                    m_lo[i] = m_lo[i] + two.mul_add(p_lo[i], e);
-                }
-                let sum = Pair { hi: &self.m[0], lo: &self.m[1] };
-                symmetric_sum(n, sum, &d.q, &mut self.dx);
-            }
-            Kind::Discrete => {
-                size = size + two * norm_frobenius(x);
-                let product = Pair { hi: &self.p[0], lo: &self.p[1] };
-                let target = PairMut { hi: &mut *m_hi, lo: &mut *m_lo };
-                mul_add_two(Form::LeftTransposed, 1.0, closed, product, target, [n, n, n]);
-                for i in 0..n * n {
-                    let (s, e) = two_sum(m_hi[i], -x[i]);
-                    m_hi[i] = s;
-                    m_lo[i] = m_lo[i] + e;
-                }
-                let sum = Pair { hi: &self.m[0], lo: &self.m[1] };
-                symmetric_sum(n, sum, &d.q, &mut self.dx);
-            }
-        }
-        T::select(size.gt(T::zero()), size, T::one())
     }
 
     /// Turns the residual in `dx` into the correction; true where the closed loop
@@ -223,5 +142,56 @@ impl<T: Real> Newton<T> {
             }
         }
         self.cayley.powers.stable
+    }
+}
+
+outlined! {
+    /// Brings the closed loop and the residual to coordinates in which `X` is the
+    /// identity, or leaves them alone in lanes where `X` is not positive.
+    ///
+    /// ```text
+    /// X + tiny = L L',   A_K -> L' A_K L^-T,   Res -> L^-1 Res L^-T
+    /// ```
+    /// `x'Xx` falls along the closed loop (if `Q >= 0`): in these coordinates its
+    /// powers never grow, however far from normal it is, and a correction is
+    /// small if it is small beside `X` in every direction.
+    fn enter(w: &'a mut Newton<T>, n: usize, x: &'a [T]) {
+        let l = &mut w.factor;
+        l.copy_from_slice(x);
+        let size = largest(x);
+        for i in 0..n {
+            let d = l[i * n + i];
+            l[i * n + i] = d + (d * T::splat(SLACK) + size * T::splat(SLACK * SLACK_SHARE));
+        }
+        let positive = cholesky(Dyn(n), l);
+        for i in 0..n {
+            for j in 0..n {
+                let unit = if i == j { T::one() } else { T::zero() };
+                let entry = if j > i { T::zero() } else { l[i * n + j] };
+                l[i * n + j] = T::select(positive, entry, unit);
+            }
+        }
+        let l = &w.factor[..];
+        let half = &mut w.work[..n * n];
+        // (L^-1 A_K')' = A_K L^-T
+        transpose(n, n, &w.loop_[0], &mut w.p[0]);
+        solve_lower(Dyn(n), Dyn(n), l, &mut w.p[0]);
+        transpose(n, n, &w.p[0], half);
+        mul_tn(Dyn(n), Dyn(n), Dyn(n), l, half, &mut w.loop_[0]);
+        // L^-1 (L^-1 Res)'
+        solve_lower(Dyn(n), Dyn(n), l, &mut w.dx);
+        transpose(n, n, &w.dx, half);
+        solve_lower(Dyn(n), Dyn(n), l, half);
+        w.dx.copy_from_slice(half);
+        symmetrize(Dyn(n), &mut w.dx);
+    }
+}
+
+outlined! {
+    /// Brings the correction back: `dX -> L dX L'`.
+    fn leave(w: &'a mut Newton<T>, n: usize) {
+        let half = &mut w.work[..n * n];
+        mul(Dyn(n), Dyn(n), Dyn(n), &w.factor, &w.dx, half);
+        sym_mul_nt(Dyn(n), Dyn(n), half, &w.factor, &mut w.dx);
     }
 }

@@ -1,10 +1,10 @@
 //! Powers by squaring: what Smith sums are made of, and a proof of stability.
 
+use super::ops::{norm, outlined, transpose};
 use super::smith::{lyapunov_dual, stein_dual};
 use crate::real::{Mask, Real};
 use crate::small::{
-    Dyn, add_assign, cholesky, identity, inverse, lu_factor, mul, norm_frobenius, scale,
-    sub_assign, sym_mul_add_tn, transpose,
+    Dyn, add_assign, cholesky, identity, inverse, lu_factor, mul, scale, sub_assign, sym_mul_add_tn,
 };
 
 /// Squarings after which a lane is given up: a radius of `1 - 1e-15` would need
@@ -91,62 +91,10 @@ impl<T: Real> Powers<T> {
     /// where it is.
     #[inline(always)]
     pub(crate) fn set(&mut self, f: &[T]) {
-        self.square(f);
+        square(self, f);
         if self.needs_certificate() {
             let (proved, margin) = certify_discrete(self, f);
             self.accept(proved, margin);
-        }
-    }
-
-    /// Squares `f` (n by n) until it is small in every lane.
-    ///
-    /// ```text
-    /// rho(F) <= |F^N|^(1/N),    |fl(P P) - P P| <= n u |P|^2
-    /// ```
-    /// The bound of a power carries the rounding errors of all squarings before
-    /// it, so that `stable` is a proof (for the `f` given). Where `f` is far from
-    /// normal the errors can swamp the bound though the powers decay.
-    #[inline(always)]
-    fn square(&mut self, f: &[T]) {
-        let n = self.n;
-        let (zero, one) = (T::zero(), T::one());
-        let rounding = T::splat((n + 2) as f64 * f64::EPSILON);
-        let none = T::Mask::splat(false);
-        self.f.clear();
-        self.norms.clear();
-        self.f.extend_from_slice(f);
-        (self.exponent, self.squarings, self.certified) = (one, zero, zero);
-        (self.stable, self.decayed) = (none, none);
-        let mut active = T::Mask::splat(true);
-        let mut error = zero;
-        for _ in 0..=MAX_SQUARINGS {
-            let at = self.f.len() - n * n;
-            let norm = norm_frobenius(&self.f[at..]);
-            let small = active & norm.le(T::splat(FLOOR));
-            self.bound = T::select(active, norm + error, self.bound);
-            self.decayed = self.decayed | small;
-            // A bound far above the power itself is no proof of its size.
-            self.stable = self.stable | (small & error.le(T::splat(FLOOR_ROOT)));
-            active = active & !small & norm.le(T::splat(CEILING));
-            for x in &mut self.f[at..] {
-                *x = T::select(active, *x, zero);
-            }
-            if !active.any() {
-                self.f.truncate(at);
-                return;
-            }
-            self.norms.push(T::select(active, norm, zero));
-            if self.norms.len() > MAX_SQUARINGS {
-                return;
-            }
-            // (P + D)^2 = fl(P P) + P D + D P + D D + rounding
-            error = (norm + norm + error).mul_add(error, rounding * norm * norm);
-            self.f.resize(at + 2 * n * n, zero);
-            let (head, next) = self.f.split_at_mut(at + n * n);
-            let last = &head[at..];
-            mul(Dyn(n), Dyn(n), Dyn(n), last, last, next);
-            self.exponent = T::select(active, self.exponent + self.exponent, self.exponent);
-            self.squarings = T::select(active, self.squarings + one, self.squarings);
         }
     }
 
@@ -186,31 +134,85 @@ impl<T: Real> Powers<T> {
     }
 }
 
-/// Shows `f` stable by a Lyapunov function, and a margin.
-///
-/// ```text
-/// Y - F'YF = M,  Y > 0,  M > 0   =>   rho(F)^2 <= 1 - lambda_min(M) / lambda_max(Y)
-/// ```
-/// `Y` is made for `M = I`; what counts is the `M` it really has.
-#[inline(always)]
-fn certify_discrete<T: Real>(p: &Powers<T>, f: &[T]) -> (T::Mask, T) {
-    let n = Dyn(p.n);
-    let mut y = vec![T::zero(); p.n * p.n];
-    identity(n, &mut y);
-    let mut work = vec![T::zero(); 2 * p.n * p.n];
-    stein_dual(p, &mut y, &mut work);
-    let (product, defect) = work.split_at_mut(p.n * p.n);
-    // F'YF - Y + I
-    identity(n, defect);
-    sub_assign(defect, &y);
-    mul(n, n, n, &y, f, product);
-    sym_mul_add_tn(n, n, f, product, defect);
-    let left = T::one() - norm_frobenius(defect);
-    let share = left / norm_frobenius(&y);
-    // 1 - sqrt(1 - s) = s / (1 + sqrt(1 - s))
-    let margin = share / (T::one() + (T::one() - share).max(T::zero()).sqrt());
-    let positive = cholesky(n, &mut y);
-    (positive & left.gt(T::splat(0.5)), margin)
+outlined! {
+    /// Squares `f` (n by n) until it is small in every lane.
+    ///
+    /// ```text
+    /// rho(F) <= |F^N|^(1/N),    |fl(P P) - P P| <= n u |P|^2
+    /// ```
+    /// The bound of a power carries the rounding errors of all squarings before
+    /// it, so that `stable` is a proof (for the `f` given). Where `f` is far from
+    /// normal the errors can swamp the bound though the powers decay.
+    fn square(p: &'a mut Powers<T>, f: &'a [T]) {
+        let n = p.n;
+        let (zero, one) = (T::zero(), T::one());
+        let rounding = T::splat((n + 2) as f64 * f64::EPSILON);
+        let none = T::Mask::splat(false);
+        p.f.clear();
+        p.norms.clear();
+        p.f.extend_from_slice(f);
+        (p.exponent, p.squarings, p.certified) = (one, zero, zero);
+        (p.stable, p.decayed) = (none, none);
+        let mut active = T::Mask::splat(true);
+        let mut error = zero;
+        for _ in 0..=MAX_SQUARINGS {
+            let at = p.f.len() - n * n;
+            let norm = norm(&p.f[at..]);
+            let small = active & norm.le(T::splat(FLOOR));
+            p.bound = T::select(active, norm + error, p.bound);
+            p.decayed = p.decayed | small;
+            // A bound far above the power itself is no proof of its size.
+            p.stable = p.stable | (small & error.le(T::splat(FLOOR_ROOT)));
+            active = active & !small & norm.le(T::splat(CEILING));
+            for x in &mut p.f[at..] {
+                *x = T::select(active, *x, zero);
+            }
+            if !active.any() {
+                p.f.truncate(at);
+                return;
+            }
+            p.norms.push(T::select(active, norm, zero));
+            if p.norms.len() > MAX_SQUARINGS {
+                return;
+            }
+            // (P + D)^2 = fl(P P) + P D + D P + D D + rounding
+            error = (norm + norm + error).mul_add(error, rounding * norm * norm);
+            p.f.resize(at + 2 * n * n, zero);
+            let (head, next) = p.f.split_at_mut(at + n * n);
+            let last = &head[at..];
+            mul(Dyn(n), Dyn(n), Dyn(n), last, last, next);
+            p.exponent = T::select(active, p.exponent + p.exponent, p.exponent);
+            p.squarings = T::select(active, p.squarings + one, p.squarings);
+        }
+    }
+}
+
+outlined! {
+    /// Shows `f` stable by a Lyapunov function, and a margin.
+    ///
+    /// ```text
+    /// Y - F'YF = M,  Y > 0,  M > 0   =>   rho(F)^2 <= 1 - lambda_min(M) / lambda_max(Y)
+    /// ```
+    /// `Y` is made for `M = I`; what counts is the `M` it really has.
+    fn certify_discrete(p: &'a Powers<T>, f: &'a [T]) -> (T::Mask, T) {
+        let n = Dyn(p.n);
+        let mut y = vec![T::zero(); p.n * p.n];
+        identity(n, &mut y);
+        let mut work = vec![T::zero(); 2 * p.n * p.n];
+        stein_dual(p, &mut y, &mut work);
+        let (product, defect) = work.split_at_mut(p.n * p.n);
+        // F'YF - Y + I
+        identity(n, defect);
+        sub_assign(defect, &y);
+        mul(n, n, n, &y, f, product);
+        sym_mul_add_tn(n, n, f, product, defect);
+        let left = T::one() - norm(defect);
+        let share = left / norm(&y);
+        // 1 - sqrt(1 - s) = s / (1 + sqrt(1 - s))
+        let margin = share / (T::one() + (T::one() - share).max(T::zero()).sqrt());
+        let positive = cholesky(n, &mut y);
+        (positive & left.gt(T::splat(0.5)), margin)
+    }
 }
 
 impl Powers<f64> {
@@ -293,59 +295,14 @@ impl<T: Real> Cayley<T> {
     /// [`gamma_of`] for a choice.
     #[inline(always)]
     pub(crate) fn set(&mut self, a: &[T], gamma: T) {
-        let n = self.powers.n;
-        let zero = T::zero();
-        for (w, &x) in self.work.iter_mut().zip(a) {
-            *w = -x;
-        }
-        for i in 0..n {
-            self.work[i * n + i] = gamma - a[i * n + i];
-        }
         self.gamma = gamma;
-        let regular = inverse(Dyn(n), &mut self.work, &mut self.inverse, &mut self.perm).ok;
-        for x in &mut self.inverse {
-            *x = T::select(regular, *x, zero);
-        }
-        let f = &mut self.work;
-        f.copy_from_slice(&self.inverse);
-        scale(f, gamma + gamma);
-        for i in 0..n {
-            f[i * n + i] = f[i * n + i] - T::one();
-        }
-        self.powers.square(f);
+        transform(self, a);
+        square(&mut self.powers, &self.work);
         // A singular lane has F = -I: not small, so not stable.
         if self.powers.needs_certificate() {
-            let (proved, margin) = self.certify(a);
+            let (proved, margin) = certify_continuous(self, a);
             self.powers.accept(proved, margin);
         }
-    }
-
-    /// Shows `a` stable by a Lyapunov function, and a margin.
-    ///
-    /// ```text
-    /// A'Y + YA = -M,  Y > 0,  M > 0   =>   Re(lambda) <= -lambda_min(M) / (2 lambda_max(Y))
-    /// ```
-    /// `Y` is made for `M = I`; what counts is the `M` it really has.
-    #[inline(always)]
-    fn certify(&self, a: &[T]) -> (T::Mask, T) {
-        let size = self.powers.n;
-        let n = Dyn(size);
-        let mut y = vec![T::zero(); size * size];
-        identity(n, &mut y);
-        let mut work = vec![T::zero(); 2 * size * size];
-        lyapunov_dual(self, &mut y, &mut work);
-        let (product, defect) = work.split_at_mut(size * size);
-        // A'Y + YA + I
-        mul(n, n, n, &y, a, product);
-        transpose(n, n, product, defect);
-        add_assign(defect, product);
-        for i in 0..size {
-            defect[i * size + i] = defect[i * size + i] + T::one();
-        }
-        let left = T::one() - norm_frobenius(defect);
-        let margin = left / (T::splat(2.0) * norm_frobenius(&y));
-        let positive = cholesky(n, &mut y);
-        (positive & left.gt(T::splat(0.5)), margin)
     }
 
     /// Verified margin in continuous time: every eigenvalue of `A` has real part
@@ -361,21 +318,73 @@ impl<T: Real> Cayley<T> {
     }
 }
 
-/// A Cayley parameter for `a` (n by n): about the geometric mean of the moduli
-/// of its eigenvalues, which balances the slowest against the fastest.
-///
-/// ```text
-/// gamma = 1.17 * 2^round(log2|det A| / n),  kept within [2^-16, 1] of |A|
-/// ```
-/// `work` holds `n * n` numbers, `perm` `n`. The factor keeps `gamma` off the round numbers
-/// that eigenvalues of made-up problems like to be.
-#[inline(always)]
-pub(crate) fn gamma_of<T: Real>(n: usize, a: &[T], work: &mut [T], perm: &mut [T]) -> T {
-    let (_, size) = (norm_frobenius(a) / T::splat((n as f64).sqrt())).split();
-    work.copy_from_slice(a);
-    let regular = lu_factor(Dyn(n), work, perm).ok;
-    let mean = mean_log2_of_pivots(n, work);
-    gamma_near(T::select(regular, mean, size), size)
+outlined! {
+    /// `inverse` and `F` (in `work`) of `a`.
+    fn transform(c: &'a mut Cayley<T>, a: &'a [T]) {
+        let n = c.powers.n;
+        for (w, &x) in c.work.iter_mut().zip(a) {
+            *w = -x;
+        }
+        for i in 0..n {
+            c.work[i * n + i] = c.gamma - a[i * n + i];
+        }
+        let regular = inverse(Dyn(n), &mut c.work, &mut c.inverse, &mut c.perm).ok;
+        for x in &mut c.inverse {
+            *x = T::select(regular, *x, T::zero());
+        }
+        c.work.copy_from_slice(&c.inverse);
+        scale(&mut c.work, c.gamma + c.gamma);
+        for i in 0..n {
+            c.work[i * n + i] = c.work[i * n + i] - T::one();
+        }
+    }
+}
+
+outlined! {
+    /// Shows `a` stable by a Lyapunov function, and a margin.
+    ///
+    /// ```text
+    /// A'Y + YA = -M,  Y > 0,  M > 0   =>   Re(lambda) <= -lambda_min(M) / (2 lambda_max(Y))
+    /// ```
+    /// `Y` is made for `M = I`; what counts is the `M` it really has.
+    fn certify_continuous(c: &'a Cayley<T>, a: &'a [T]) -> (T::Mask, T) {
+        let size = c.powers.n;
+        let n = Dyn(size);
+        let mut y = vec![T::zero(); size * size];
+        identity(n, &mut y);
+        let mut work = vec![T::zero(); 2 * size * size];
+        lyapunov_dual(c, &mut y, &mut work);
+        let (product, defect) = work.split_at_mut(size * size);
+        // A'Y + YA + I
+        mul(n, n, n, &y, a, product);
+        transpose(size, size, product, defect);
+        add_assign(defect, product);
+        for i in 0..size {
+            defect[i * size + i] = defect[i * size + i] + T::one();
+        }
+        let left = T::one() - norm(defect);
+        let margin = left / (T::splat(2.0) * norm(&y));
+        let positive = cholesky(n, &mut y);
+        (positive & left.gt(T::splat(0.5)), margin)
+    }
+}
+
+outlined! {
+    /// A Cayley parameter for `a` (n by n): about the geometric mean of the moduli
+    /// of its eigenvalues, which balances the slowest against the fastest.
+    ///
+    /// ```text
+    /// gamma = 1.17 * 2^round(log2|det A| / n),  kept within [2^-16, 1] of |A|
+    /// ```
+    /// `work` holds `n * n` numbers, `perm` `n`. The factor keeps `gamma` off the
+    /// round numbers that eigenvalues of made-up problems like to be.
+    pub(crate) fn gamma_of(n: usize, a: &'a [T], work: &'a mut [T], perm: &'a mut [T]) -> T {
+        let (_, size) = (norm(a) / T::splat((n as f64).sqrt())).split();
+        work.copy_from_slice(a);
+        let regular = lu_factor(Dyn(n), work, perm).ok;
+        let mean = mean_log2_of_pivots(n, work);
+        gamma_near(T::select(regular, mean, size), size)
+    }
 }
 
 /// `1.17 * 2^round(mean)`, the exponent kept within `[size - 16, size]`.

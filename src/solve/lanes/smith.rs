@@ -93,52 +93,56 @@ fn keep<T: Real>(seen: T::Mask, next: &[T], x: &mut [T]) {
     }
 }
 
-/// `A X + X A' + Q = 0`, in place of `Q` (symmetric).
-///
-/// ```text
-/// F X F' - X + 2 gamma M Q M' = 0,   M = (gamma I - A)^-1
-/// ```
-/// Of use in lanes where `a.powers.stable`. `work` holds at least `2 n^2` numbers.
-#[inline(always)]
-pub(crate) fn lyapunov<T: Real>(a: &Cayley<T>, x: &mut [T], work: &mut [T]) {
-    let n = Dyn(a.powers.n);
-    let half = &mut work[..a.inverse.len()];
-    mul(n, n, n, &a.inverse, x, half);
-    sym_mul_nt(n, n, half, &a.inverse, x);
-    scale(x, a.gamma + a.gamma);
-    stein(&a.powers, x, work);
+outlined! {
+    /// `A X + X A' + Q = 0`, in place of `Q` (symmetric).
+    ///
+    /// ```text
+    /// F X F' - X + 2 gamma M Q M' = 0,   M = (gamma I - A)^-1
+    /// ```
+    /// Of use in lanes where `a.powers.stable`. `work` holds at least `2 n^2` numbers.
+    pub(crate) fn lyapunov(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+        let n = Dyn(a.powers.n);
+        let half = &mut work[..a.inverse.len()];
+        mul(n, n, n, &a.inverse, x, half);
+        sym_mul_nt(n, n, half, &a.inverse, x);
+        scale(x, a.gamma + a.gamma);
+        stein(&a.powers, x, work);
+    }
 }
 
-/// `A' X + X A + Q = 0`, in place of `Q`; otherwise as [`lyapunov`].
-#[inline(always)]
-pub(crate) fn lyapunov_dual<T: Real>(a: &Cayley<T>, x: &mut [T], work: &mut [T]) {
-    let n = Dyn(a.powers.n);
-    let half = &mut work[..a.inverse.len()];
-    mul(n, n, n, x, &a.inverse, half);
-    sym_mul_tn(n, n, &a.inverse, half, x);
-    scale(x, a.gamma + a.gamma);
-    stein_dual(&a.powers, x, work);
+outlined! {
+    /// `A' X + X A + Q = 0`, in place of `Q`; otherwise as [`lyapunov`].
+    pub(crate) fn lyapunov_dual(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+        let n = Dyn(a.powers.n);
+        let half = &mut work[..a.inverse.len()];
+        mul(n, n, n, x, &a.inverse, half);
+        sym_mul_tn(n, n, &a.inverse, half, x);
+        scale(x, a.gamma + a.gamma);
+        stein_dual(&a.powers, x, work);
+    }
 }
 
-/// `A X + X B + C = 0`, in place of `C` (n by m); `a` and `b` share `gamma`.
-/// `work` holds at least `n m` numbers.
-#[inline(always)]
-pub(crate) fn sylvester<T: Real>(a: &Cayley<T>, b: &Cayley<T>, x: &mut [T], work: &mut [T]) {
-    let (n, m) = (Dyn(a.powers.n), Dyn(b.powers.n));
-    let work = &mut work[..a.powers.n * b.powers.n];
-    mul(n, n, m, &a.inverse, x, work);
-    mul(n, m, m, work, &b.inverse, x);
-    scale(x, a.gamma + a.gamma);
-    stein_pair(&a.powers, &b.powers, x, work);
+outlined! {
+    /// `A X + X B + C = 0`, in place of `C` (n by m); `a` and `b` share `gamma`.
+    /// `work` holds at least `n m` numbers.
+    pub(crate) fn sylvester(a: &'a Cayley<T>, b: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+        let (n, m) = (Dyn(a.powers.n), Dyn(b.powers.n));
+        let work = &mut work[..a.powers.n * b.powers.n];
+        mul(n, n, m, &a.inverse, x, work);
+        mul(n, m, m, work, &b.inverse, x);
+        scale(x, a.gamma + a.gamma);
+        stein_pair(&a.powers, &b.powers, x, work);
+    }
 }
 
-/// `A X + X B' + C = 0`, in place of `C`; otherwise as [`sylvester`].
-#[inline(always)]
-pub(crate) fn sylvester_nt<T: Real>(a: &Cayley<T>, b: &Cayley<T>, x: &mut [T], work: &mut [T]) {
-    let (n, m) = (Dyn(a.powers.n), Dyn(b.powers.n));
-    let work = &mut work[..a.powers.n * b.powers.n];
-    mul(n, n, m, &a.inverse, x, work);
-    mul_nt(n, m, m, work, &b.inverse, x);
-    scale(x, a.gamma + a.gamma);
-    stein_pair_nt(&a.powers, &b.powers, x, work);
+outlined! {
+    /// `A X + X B' + C = 0`, in place of `C`; otherwise as [`sylvester`].
+    pub(crate) fn sylvester_nt(a: &'a Cayley<T>, b: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+        let (n, m) = (Dyn(a.powers.n), Dyn(b.powers.n));
+        let work = &mut work[..a.powers.n * b.powers.n];
+        mul(n, n, m, &a.inverse, x, work);
+        mul_nt(n, m, m, work, &b.inverse, x);
+        scale(x, a.gamma + a.gamma);
+        stein_pair_nt(&a.powers, &b.powers, x, work);
+    }
 }

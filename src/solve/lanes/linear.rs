@@ -1,0 +1,340 @@
+//! One lane block of Lyapunov or Sylvester equations: balance, sum, correct.
+
+use super::balance::{apply, balance, exponent_of, shift};
+use super::data::Kind;
+use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
+use super::ops::{add_where, largest, norm, outlined, transpose};
+use super::powers::{Cayley, gamma_of};
+
+use super::smith::{lyapunov, stein, stein_pair, sylvester};
+use crate::real::{Mask, Real};
+
+/// Corrections after which a lane is given up.
+const MAX_CORRECTIONS: usize = 6;
+/// Relative correction that is the last: what it leaves is below rounding.
+const LAST: f64 = 1e-10;
+
+/// Equations and solutions of a block.
+///
+/// ```text
+/// continuous   A X + X B + C = 0
+/// discrete     A X B - X + C = 0
+/// ```
+/// `A` n by n, `B` m by m, `C` and `X` n by m; a Lyapunov equation has `B = A'`
+/// and symmetric `C`.
+#[derive(Debug, Clone)]
+pub(crate) struct Linear<T: Real> {
+    kind: Kind,
+    /// A Lyapunov equation.
+    symmetric: bool,
+    n: usize,
+    m: usize,
+    /// Fill before [`Linear::solve`].
+    pub(crate) a: Vec<T>,
+    /// Fill before [`Linear::solve`], but for a Lyapunov equation.
+    pub(crate) b: Vec<T>,
+    /// Fill before [`Linear::solve`].
+    pub(crate) c: Vec<T>,
+    /// The solutions.
+    pub(crate) x: Vec<T>,
+    /// Lanes that are solved, with stable coefficients.
+    pub(crate) done: T::Mask,
+    /// Relative residual before the last correction.
+    pub(crate) residual: T,
+    /// Relative size of the last correction.
+    pub(crate) correction: T,
+    /// Squarings.
+    pub(crate) steps: T,
+    /// Verified margin of the less stable coefficient, one a lane.
+    pub(crate) margin: T,
+    /// Exponents of the balancing, of the time unit and of `C`.
+    left: Vec<T>,
+    right: Vec<T>,
+    time: T,
+    cost: T,
+    left_cayley: Cayley<T>,
+    right_cayley: Cayley<T>,
+    dx: Vec<T>,
+    p: [Vec<T>; 2],
+    r: [Vec<T>; 2],
+    work: Vec<T>,
+    perm: Vec<T>,
+}
+
+impl<T: Real> Linear<T> {
+    /// Room for equations with `X` n by m; a Lyapunov equation if `symmetric`.
+    #[inline(always)]
+    pub(crate) fn new(kind: Kind, symmetric: bool, n: usize, m: usize) -> Self {
+        let zeros = |count| vec![T::zero(); count];
+        let two = || [zeros(n * m), zeros(n * m)];
+        let larger = n.max(m);
+        Linear {
+            kind,
+            symmetric,
+            n,
+            m,
+            a: zeros(n * n),
+            b: zeros(m * m),
+            c: zeros(n * m),
+            x: zeros(n * m),
+            done: T::Mask::splat(false),
+            residual: T::zero(),
+            correction: T::zero(),
+            steps: T::zero(),
+            margin: T::zero(),
+            left: zeros(n),
+            right: zeros(m),
+            time: T::zero(),
+            cost: T::zero(),
+            left_cayley: Cayley::new(n),
+            right_cayley: Cayley::new(m),
+            dx: zeros(n * m),
+            p: two(),
+            r: two(),
+            work: zeros(2 * larger * larger),
+            perm: zeros(larger),
+        }
+    }
+
+    /// Solves the equations, which are scaled in the course.
+    #[inline(always)]
+    pub(crate) fn solve(&mut self) {
+        scale(self);
+        self.transform();
+        self.x.fill(T::zero());
+        self.correct(self.stable());
+        let margin = T::from_fn(|lane| self.margin_of(lane));
+        self.margin = T::select(self.stable(), margin, T::splat(f64::NAN));
+        finish(self);
+    }
+
+    /// Solves a block whose lanes all hold one equation with the solver that
+    /// `make` returns for the scaled `A` and `B`, which need not be stable.
+    #[inline(always)]
+    pub(crate) fn solve_with(&mut self, make: impl FnOnce(&[f64], &[f64]) -> Option<Inverse>) {
+        scale(self);
+        self.margin = T::splat(f64::NAN);
+        self.done = T::Mask::splat(false);
+        self.x.fill(T::zero());
+        let lane = |x: &[T]| x.iter().map(|v| v.lane(0)).collect::<Vec<f64>>();
+        if let Some(inverse) = make(&lane(&self.a), &lane(&self.b)) {
+            iterate(self, T::Mask::splat(true), Some(&inverse));
+        }
+        finish(self);
+    }
+
+    /// Powers of the coefficients.
+    #[inline(always)]
+    fn transform(&mut self) {
+        let (n, m) = (self.n, self.m);
+        if self.kind == Kind::Discrete {
+            self.left_cayley.powers.set(&self.a);
+            if !self.symmetric {
+                self.right_cayley.powers.set(&self.b);
+            }
+            return;
+        }
+        let gamma = gamma_of(n, &self.a, &mut self.work[..n * n], &mut self.perm[..n]);
+        if self.symmetric {
+            self.left_cayley.set(&self.a, gamma);
+            return;
+        }
+        let other = gamma_of(m, &self.b, &mut self.work[..m * m], &mut self.perm[..m]);
+        let gamma = (gamma * other).sqrt();
+        self.left_cayley.set(&self.a, gamma);
+        self.right_cayley.set(&self.b, gamma);
+    }
+
+    /// Lanes whose coefficients are stable.
+    #[inline(always)]
+    fn stable(&self) -> T::Mask {
+        let left = self.left_cayley.powers.stable;
+        if self.symmetric { left } else { left & self.right_cayley.powers.stable }
+    }
+
+    fn margin_of(&self, lane: usize) -> f64 {
+        let of = |c: &Cayley<T>| match self.kind {
+            Kind::Continuous => c.margin(lane),
+            Kind::Discrete => c.powers.margin(lane),
+        };
+        let left = of(&self.left_cayley);
+        if self.symmetric { left } else { left.min(of(&self.right_cayley)) }
+    }
+
+    /// Solves and corrects the lanes of `wanted`.
+    #[inline(always)]
+    fn correct(&mut self, wanted: T::Mask) {
+        iterate(self, wanted, None);
+        let squarings = |c: &Cayley<T>, lane| f64::from(c.powers.squarings(lane));
+        let steps = T::from_fn(|lane| {
+            let left = squarings(&self.left_cayley, lane);
+            if self.symmetric { left } else { left + squarings(&self.right_cayley, lane) }
+        });
+        self.steps = steps;
+    }
+
+    /// The solution for the right-hand side in `dx`, in its place.
+    #[inline(always)]
+    fn apply_inverse(&mut self) {
+        let (x, work) = (&mut self.dx, &mut self.work);
+        let (left, right) = (&self.left_cayley, &self.right_cayley);
+        match (self.kind, self.symmetric) {
+            (Kind::Continuous, true) => lyapunov(left, x, work),
+            (Kind::Continuous, false) => sylvester(left, right, x, work),
+            (Kind::Discrete, true) => stein(&left.powers, x, work),
+            (Kind::Discrete, false) => stein_pair(&left.powers, &right.powers, x, work),
+        }
+    }
+}
+
+/// Solves an equation for the right-hand side in its argument, in place.
+pub(crate) type Inverse = Box<dyn Fn(&mut [f64])>;
+
+outlined! {
+    /// `X <- X + (solution for the residual)`, from `X = 0`, until the correction
+    /// is small.
+    fn iterate(l: &'a mut Linear<T>, wanted: T::Mask, inverse: Option<&'a Inverse>) {
+        let nan = T::splat(f64::NAN);
+        (l.residual, l.correction) = (nan, nan);
+        l.done = T::Mask::splat(false);
+        l.steps = T::zero();
+        let mut active = wanted;
+        for round in 0..=MAX_CORRECTIONS {
+            if !active.any() {
+                return;
+            }
+            let size = residual(l);
+            let relative = norm(&l.dx) / size;
+            match inverse {
+                Some(inverse) => {
+                    let mut x: Vec<f64> = l.dx.iter().map(|v| v.lane(0)).collect();
+                    inverse(&mut x);
+                    for (to, x) in l.dx.iter_mut().zip(x) {
+                        *to = T::splat(x);
+                    }
+                }
+                None => l.apply_inverse(),
+            }
+            let none = norm(&l.dx).eq(T::zero());
+            add_where(active, &mut l.x, &l.dx);
+            let correction = norm(&l.dx) / norm(&l.x);
+            let correction = T::select(none, T::zero(), correction);
+            if round > 0 {
+                l.residual = T::select(active, relative, l.residual);
+                l.correction = T::select(active, correction, l.correction);
+            }
+            let last = active & correction.le(T::splat(LAST));
+            let finished = if round == 0 { active & none } else { last };
+            l.done = l.done | finished;
+            l.correction = T::select(active & none, T::zero(), l.correction);
+            l.residual = T::select(active & none, relative, l.residual);
+            active = active & !finished & correction.is_finite();
+        }
+    }
+}
+
+outlined! {
+    /// The residual of `x` in twice the working precision, into `dx`; returns the
+    /// sum of the norms of its terms.
+    fn residual(l: &'a mut Linear<T>) -> T {
+        let (n, m) = (l.n, l.m);
+        let two = T::splat(2.0);
+        let [p_hi, p_lo] = &mut l.p;
+        let [r_hi, r_lo] = &mut l.r;
+        for part in [&mut *p_hi, &mut *p_lo, &mut *r_hi, &mut *r_lo] {
+            part.fill(T::zero());
+        }
+        let x = Pair::from(&l.x[..]);
+        let (a, b) = (Pair::from(&l.a[..]), Pair::from(&l.b[..]));
+        let mut size = norm(&l.c);
+        match l.kind {
+            Kind::Continuous => {
+                // R = A X + X B, or 2 A X to be symmetrised
+                let target = PairMut { hi: r_hi, lo: r_lo };
+                let times = if l.symmetric { 2.0 } else { 1.0 };
+                mul_add_two(Form::Plain, times, a, x, target, [n, n, m]);
+                size = size + two * norm(&l.r[0]);
+                if !l.symmetric {
+                    let [r_hi, r_lo] = &mut l.r;
+                    let target = PairMut { hi: r_hi, lo: r_lo };
+                    mul_add_two(Form::Plain, 1.0, x, b, target, [n, m, m]);
+                }
+            }
+            Kind::Discrete => {
+                // P = X B, R = A P - X
+                let target = PairMut { hi: p_hi, lo: p_lo };
+                mul_add_two(Form::Plain, 1.0, x, b, target, [n, m, m]);
+                let p = Pair { hi: &l.p[0], lo: &l.p[1] };
+                let target = PairMut { hi: r_hi, lo: r_lo };
+                mul_add_two(Form::Plain, 1.0, a, p, target, [n, n, m]);
+                size = size + norm(&l.r[0]) + norm(&l.x);
+                let [r_hi, r_lo] = &mut l.r;
+                for i in 0..n * m {
+                    let (s, e) = two_sum(r_hi[i], -l.x[i]);
+                    r_hi[i] = s;
+                    r_lo[i] = r_lo[i] + e;
+                }
+            }
+        }
+        if l.symmetric {
+            let r = Pair { hi: &l.r[0], lo: &l.r[1] };
+            symmetric_sum(n, r, &l.c, &mut l.dx);
+        } else {
+            for i in 0..n * m {
+                let (s, e) = two_sum(l.c[i], l.r[0][i]);
+                l.dx[i] = s + (e + l.r[1][i]);
+            }
+        }
+        T::select(size.gt(T::zero()), size, T::one())
+    }
+}
+
+outlined! {
+    /// Balances the coefficients and brings time and `C` to unit size, all by
+    /// powers of two.
+    ///
+    /// ```text
+    /// X = 2^(c - t) D X_s E^-1,   A 2^-t -> D^-1 A D,   B 2^-t -> E^-1 B E,   C 2^-c -> D^-1 C E
+    /// ```
+    fn scale(l: &'a mut Linear<T>) {
+        let (n, m) = (l.n, l.m);
+        let magnitudes = &mut l.work[..n * n];
+        magnitudes.copy_from_slice(&l.a);
+        balance(n, magnitudes, &mut [], &mut [], &mut l.left);
+        apply(&l.left, [-1.0, 1.0], &mut l.a, [n, n]);
+        if l.symmetric {
+            transpose(n, n, &l.a, &mut l.b);
+            for (right, &left) in l.right.iter_mut().zip(&l.left) {
+                *right = -left;
+            }
+        } else {
+            let magnitudes = &mut l.work[..m * m];
+            magnitudes.copy_from_slice(&l.b);
+            balance(m, magnitudes, &mut [], &mut [], &mut l.right);
+            apply(&l.right, [-1.0, 1.0], &mut l.b, [m, m]);
+        }
+        l.cost = exponent_of(&l.c);
+        shift(&mut l.c, -l.cost);
+        apply(&l.left, [-1.0, 0.0], &mut l.c, [n, m]);
+        apply(&l.right, [0.0, 1.0], &mut l.c, [n, m]);
+        l.time = T::zero();
+        if l.kind == Kind::Continuous {
+            let size = largest(&l.a).max(largest(&l.b));
+            let (_, e) = size.split();
+            l.time = T::select(size.gt(T::zero()), e, T::zero());
+            shift(&mut l.a, -l.time);
+            shift(&mut l.b, -l.time);
+        }
+    }
+}
+
+outlined! {
+    /// Brings the results to the user's units.
+    fn finish(l: &'a mut Linear<T>) {
+        let size = [l.n, l.m];
+        apply(&l.left, [1.0, 0.0], &mut l.x, size);
+        apply(&l.right, [0.0, -1.0], &mut l.x, size);
+        shift(&mut l.x, l.cost - l.time);
+        shift(std::slice::from_mut(&mut l.margin), l.time);
+    }
+}

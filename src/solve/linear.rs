@@ -1,0 +1,442 @@
+//! Lyapunov and Sylvester equations: the public functions.
+
+use faer::MatRef;
+
+use crate::error::{Error, Result};
+use crate::par::RunControl;
+use crate::real::{Mask, Real};
+use crate::simd::{Kernel, Tier};
+use crate::solve::batch::{self, Equation, gather, half_unit, lanes_of, launch, minus_unit, zero};
+use crate::solve::kronecker;
+use crate::solve::lanes::{Kind, Linear};
+use crate::solve::problem::{Field, Lyapunov, Sylvester};
+use crate::solve::report::{ItemReport, Method, Solution, Solutions};
+
+/// The checked problem: `A C` of a Lyapunov equation, `A B C` of a Sylvester
+/// equation.
+struct Batch<'a> {
+    kind: Kind,
+    n: usize,
+    m: usize,
+    fields: Vec<Field<'a>>,
+    tier: Option<Tier>,
+}
+
+/// A range of items in lanes.
+struct Chunk<'a> {
+    batch: &'a Batch<'a>,
+    first: usize,
+    bad: &'a [bool],
+    x: &'a mut [f64],
+}
+
+impl Kernel for Chunk<'_> {
+    type Out = Vec<ItemReport>;
+    #[inline(always)]
+    fn run<T: Real>(self) -> Vec<ItemReport> {
+        let Chunk { batch, first, bad, x } = self;
+        let mut block = batch.block::<T>();
+        let mut reports = Vec::with_capacity(bad.len());
+        for start in (0..bad.len()).step_by(T::LANES) {
+            batch.load(&lanes_of::<T>(first, start, bad), &mut block);
+            block.solve();
+            for lane in 0..T::LANES.min(bad.len() - start) {
+                let size = block.x.len();
+                let out = &mut x[(start + lane) * size..][..size];
+                reports.push(batch.read(&block, lane, Method::Doubling, out));
+            }
+        }
+        // Coefficients that are not stable, or nearly so.
+        for (local, report) in reports.iter_mut().enumerate() {
+            if report.status.is_err() && !bad[local] {
+                batch.load(&vec![Some(first + local); T::LANES], &mut block);
+                block.solve_with(|a, b| {
+                    kronecker::inverse(batch.kind, batch.is_symmetric(), [batch.n, batch.m], a, b)
+                });
+                let size = block.x.len();
+                let out = &mut x[local * size..][..size];
+                let iterations = report.iterations;
+                *report = batch.read(&block, 0, Method::Fallback, out);
+                report.iterations = iterations;
+            }
+        }
+        reports
+    }
+}
+
+impl Batch<'_> {
+    fn is_symmetric(&self) -> bool {
+        self.fields.len() == 2
+    }
+
+    fn what(&self) -> &'static str {
+        match (self.kind, self.is_symmetric()) {
+            (Kind::Continuous, true) => "A X + X A' + Q = 0",
+            (Kind::Continuous, false) => "A X + X B + C = 0",
+            (Kind::Discrete, true) => "A X A' - X + Q = 0",
+            (Kind::Discrete, false) => "A X B - X + C = 0",
+        }
+    }
+
+    #[inline(always)]
+    fn block<T: Real>(&self) -> Linear<T> {
+        Linear::new(self.kind, self.is_symmetric(), self.n, self.m)
+    }
+
+    /// Copies the items `at` to lanes; bad items become a harmless equation.
+    #[inline(always)]
+    fn load<T: Real>(&self, at: &[Option<usize>], block: &mut Linear<T>) {
+        let stable: fn(usize, usize) -> f64 = match self.kind {
+            Kind::Continuous => minus_unit,
+            Kind::Discrete => half_unit,
+        };
+        gather(&self.fields[0], at, stable, &mut block.a);
+        if !self.is_symmetric() {
+            gather(&self.fields[1], at, stable, &mut block.b);
+        }
+        let last = self.fields.len() - 1;
+        gather(&self.fields[last], at, zero, &mut block.c);
+    }
+
+    /// Copies the solution of one lane to `x`.
+    fn read<T: Real>(
+        &self,
+        block: &Linear<T>,
+        lane: usize,
+        method: Method,
+        x: &mut [f64],
+    ) -> ItemReport {
+        for (o, v) in x.iter_mut().zip(&block.x) {
+            *o = v.lane(lane);
+        }
+        let correction = block.correction.lane(lane);
+        let status = if block.done.lane(lane) {
+            Ok(())
+        } else {
+            Err(Error::NoUniqueSolution { what: self.what().into(), correction })
+        };
+        ItemReport {
+            status,
+            residual: block.residual.lane(lane),
+            correction,
+            margin: block.margin.lane(lane),
+            iterations: block.steps.lane(lane) as u32,
+            error_bound: None,
+            method,
+        }
+    }
+}
+
+impl Equation for Batch<'_> {
+    fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
+        launch(self.tier, Chunk { batch: self, first, bad, x })
+    }
+}
+
+/// Solves the items of `fields`.
+pub(super) fn run(
+    kind: Kind,
+    fields: Vec<Field<'_>>,
+    [n, m, len]: [usize; 3],
+    tier: Option<Tier>,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    let batch = Batch { kind, n, m, fields: fields.clone(), tier };
+    let larger = n.max(m);
+    let flops = larger.saturating_pow(3).saturating_mul(100);
+    batch::run(&batch, &fields, [n, m], len, flops, control)
+}
+
+fn run_lyapunov(kind: Kind, p: &Lyapunov<'_>, control: &RunControl<'_>) -> Result<Solutions> {
+    run(kind, p.fields()?, [p.n, p.n, p.len], None, control)
+}
+
+fn run_sylvester(kind: Kind, p: &Sylvester<'_>, control: &RunControl<'_>) -> Result<Solutions> {
+    run(kind, p.fields()?, [p.n, p.m, p.len], None, control)
+}
+
+fn one_lyapunov(kind: Kind, a: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result<Solution> {
+    let n = a.nrows();
+    batch::check_shape("A", a, [n, n])?;
+    batch::check_shape("Q", q, [n, n])?;
+    let (a, q) = (batch::rows_of(a), batch::rows_of(q));
+    let problem = Lyapunov { n, len: 1, A: &a, Q: &q };
+    run_lyapunov(kind, &problem, &RunControl::default().threads(1))?.into_one()
+}
+
+fn one_sylvester(
+    kind: Kind,
+    a: MatRef<'_, f64>,
+    b: MatRef<'_, f64>,
+    c: MatRef<'_, f64>,
+) -> Result<Solution> {
+    let (n, m) = (a.nrows(), b.nrows());
+    batch::check_shape("A", a, [n, n])?;
+    batch::check_shape("B", b, [m, m])?;
+    batch::check_shape("C", c, [n, m])?;
+    let (a, b, c) = (batch::rows_of(a), batch::rows_of(b), batch::rows_of(c));
+    let problem = Sylvester { n, m, len: 1, A: &a, B: &b, C: &c };
+    run_sylvester(kind, &problem, &RunControl::default().threads(1))?.into_one()
+}
+
+/// Solutions of a batch of continuous-time Lyapunov equations.
+///
+/// ```text
+/// A X + X A' + Q = 0
+/// ```
+///
+/// `X` is the stationary covariance of `dx/dt = A x + w`, `w` white of intensity
+/// `Q`, where `A` is stable: look at the margin of the report. For an `A` that is
+/// not stable the equation is solved all the same (its margin is NaN), unless two
+/// eigenvalues add up to zero. Shapes and layout in [`Lyapunov`]. Item `k` has
+/// the same bits alone and in any batch, on any CPU and with any number of
+/// threads.
+///
+/// # Source
+/// Smith (1968), SIAM J. Appl. Math. 16, 198-201, squared, after a Cayley
+/// transform; corrected with the residual in twice the working precision.
+///
+/// # Errors
+/// `Shape` for arrays of a wrong length, `Empty` for no item or order zero. What
+/// is wrong with an item is in its report: `NonFinite`, `NotSymmetric`,
+/// `NoUniqueSolution`.
+///
+/// # Examples
+/// ```
+/// use mmae::solve::{Lyapunov, lyapunov_continuous};
+/// // One A, two right-hand sides
+/// let all = lyapunov_continuous(&Lyapunov {
+///     n: 2, len: 2,
+///     A: &[0.0, 1.0, -4.0, -0.4],
+///     Q: &[0.0, 0.0, 0.0, 1.6,   1.0, 0.0, 0.0, 0.0],
+/// })?;
+/// let x = all.item(0)?;   // [w / (2 d w0^2), 0; 0, w / (2 d)] of an oscillator
+/// assert!((x[0] - 0.5).abs() < 1e-15 && x[1].abs() < 1e-15 && (x[3] - 2.0).abs() < 1e-15);
+/// assert!((all.items[0].margin - 0.2).abs() < 0.05);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+pub fn lyapunov_continuous(problem: &Lyapunov<'_>) -> Result<Solutions> {
+    run_lyapunov(Kind::Continuous, problem, &RunControl::default())
+}
+
+/// As [`lyapunov_continuous`], with threads, progress and cancelling.
+///
+/// # Errors
+/// As [`lyapunov_continuous`], and `Cancelled`.
+pub fn lyapunov_continuous_with(
+    problem: &Lyapunov<'_>,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run_lyapunov(Kind::Continuous, problem, control)
+}
+
+/// Solution of one continuous-time Lyapunov equation, see
+/// [`lyapunov_continuous`].
+///
+/// ```text
+/// A X + X A' + Q = 0,    A, Q, X n by n, Q symmetric
+/// ```
+///
+/// # Errors
+/// As [`lyapunov_continuous`]; those of the item too.
+///
+/// # Examples
+/// ```
+/// use mmae::{mat, solve::lyapunov_continuous_one};
+/// let a = mat![[-1.0, 5.0], [0.0, -3.0]];
+/// let q = mat![[2.0, 1.0], [1.0, 4.0]];
+/// let x = lyapunov_continuous_one(a.as_ref(), q.as_ref())?.X;
+/// assert!((&a * &x + &x * a.transpose() + &q).norm_l2() < 1e-14);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub fn lyapunov_continuous_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result<Solution> {
+    one_lyapunov(Kind::Continuous, A, Q)
+}
+
+/// Solutions of a batch of discrete-time Lyapunov (Stein) equations.
+///
+/// ```text
+/// A X A' - X + Q = 0
+/// ```
+///
+/// Otherwise as [`lyapunov_continuous`]; not solvable where two eigenvalues are
+/// reciprocal.
+///
+/// # Errors
+/// As [`lyapunov_continuous`].
+///
+/// # Examples
+/// ```
+/// use mmae::solve::{Lyapunov, lyapunov_discrete};
+/// // x+ = a x + w: X = q / (1 - a^2)
+/// let all = lyapunov_discrete(&Lyapunov { n: 1, len: 2, A: &[0.5, 0.9], Q: &[1.0] })?;
+/// assert!((all.item(0)?[0] - 4.0 / 3.0).abs() < 1e-15);
+/// assert!((all.item(1)?[0] * (1.0 - 0.81) - 1.0).abs() < 1e-15);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+pub fn lyapunov_discrete(problem: &Lyapunov<'_>) -> Result<Solutions> {
+    run_lyapunov(Kind::Discrete, problem, &RunControl::default())
+}
+
+/// As [`lyapunov_discrete`], with threads, progress and cancelling.
+///
+/// # Errors
+/// As [`lyapunov_discrete`], and `Cancelled`.
+pub fn lyapunov_discrete_with(
+    problem: &Lyapunov<'_>,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run_lyapunov(Kind::Discrete, problem, control)
+}
+
+/// Solution of one discrete-time Lyapunov equation, see [`lyapunov_discrete`].
+///
+/// ```text
+/// A X A' - X + Q = 0,    A, Q, X n by n, Q symmetric
+/// ```
+///
+/// # Errors
+/// As [`lyapunov_discrete`]; those of the item too.
+///
+/// # Examples
+/// ```
+/// use mmae::{mat, solve::lyapunov_discrete_one};
+/// let a = mat![[0.5, 1.0], [0.0, -0.8]];
+/// let q = mat![[1.0, 0.0], [0.0, 1.0]];
+/// let x = lyapunov_discrete_one(a.as_ref(), q.as_ref())?.X;
+/// assert!((&a * &x * a.transpose() - &x + &q).norm_l2() < 1e-14);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub fn lyapunov_discrete_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result<Solution> {
+    one_lyapunov(Kind::Discrete, A, Q)
+}
+
+/// Solutions of a batch of continuous-time Sylvester equations.
+///
+/// ```text
+/// A X + X B + C = 0
+/// ```
+///
+/// The margin in the report is that of the less stable coefficient. Otherwise as
+/// [`lyapunov_continuous`]; not solvable where an eigenvalue of `A` and one of
+/// `B` add up to zero. Shapes and layout in [`Sylvester`].
+///
+/// # Errors
+/// As [`lyapunov_continuous`].
+///
+/// # Examples
+/// ```
+/// use mmae::solve::{Sylvester, sylvester_continuous};
+/// let all = sylvester_continuous(&Sylvester {
+///     n: 1, m: 2, len: 1, A: &[-1.0], B: &[-2.0, 0.0, 0.0, -3.0], C: &[6.0, 8.0],
+/// })?;
+/// assert_eq!(all.item(0)?, [2.0, 2.0]);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+pub fn sylvester_continuous(problem: &Sylvester<'_>) -> Result<Solutions> {
+    run_sylvester(Kind::Continuous, problem, &RunControl::default())
+}
+
+/// As [`sylvester_continuous`], with threads, progress and cancelling.
+///
+/// # Errors
+/// As [`sylvester_continuous`], and `Cancelled`.
+pub fn sylvester_continuous_with(
+    problem: &Sylvester<'_>,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run_sylvester(Kind::Continuous, problem, control)
+}
+
+/// Solution of one continuous-time Sylvester equation, see
+/// [`sylvester_continuous`].
+///
+/// ```text
+/// A X + X B + C = 0,    A n by n, B m by m, C and X n by m
+/// ```
+///
+/// # Errors
+/// As [`sylvester_continuous`]; those of the item too.
+///
+/// # Examples
+/// ```
+/// use mmae::{mat, solve::sylvester_continuous_one};
+/// let (a, b) = (mat![[-1.0, 2.0], [0.0, -3.0]], mat![[-2.0]]);
+/// let c = mat![[1.0], [5.0]];
+/// let x = sylvester_continuous_one(a.as_ref(), b.as_ref(), c.as_ref())?.X;
+/// assert!((&a * &x + &x * &b + &c).norm_l2() < 1e-15);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub fn sylvester_continuous_one(
+    A: MatRef<'_, f64>,
+    B: MatRef<'_, f64>,
+    C: MatRef<'_, f64>,
+) -> Result<Solution> {
+    one_sylvester(Kind::Continuous, A, B, C)
+}
+
+/// Solutions of a batch of discrete-time Sylvester equations.
+///
+/// ```text
+/// A X B - X + C = 0
+/// ```
+///
+/// Otherwise as [`sylvester_continuous`]; not solvable where an eigenvalue of `A`
+/// is the reciprocal of one of `B`.
+///
+/// # Errors
+/// As [`sylvester_continuous`].
+///
+/// # Examples
+/// ```
+/// use mmae::solve::{Sylvester, sylvester_discrete};
+/// let all = sylvester_discrete(&Sylvester {
+///     n: 1, m: 1, len: 1, A: &[0.5], B: &[-0.5], C: &[5.0],
+/// })?;
+/// assert_eq!(all.item(0)?, [4.0]);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+pub fn sylvester_discrete(problem: &Sylvester<'_>) -> Result<Solutions> {
+    run_sylvester(Kind::Discrete, problem, &RunControl::default())
+}
+
+/// As [`sylvester_discrete`], with threads, progress and cancelling.
+///
+/// # Errors
+/// As [`sylvester_discrete`], and `Cancelled`.
+pub fn sylvester_discrete_with(
+    problem: &Sylvester<'_>,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run_sylvester(Kind::Discrete, problem, control)
+}
+
+/// Solution of one discrete-time Sylvester equation, see [`sylvester_discrete`].
+///
+/// ```text
+/// A X B - X + C = 0,    A n by n, B m by m, C and X n by m
+/// ```
+///
+/// # Errors
+/// As [`sylvester_discrete`]; those of the item too.
+///
+/// # Examples
+/// ```
+/// use mmae::{mat, solve::sylvester_discrete_one};
+/// let (a, b) = (mat![[0.5, 2.0], [0.0, -0.3]], mat![[-0.2]]);
+/// let c = mat![[1.0], [5.0]];
+/// let x = sylvester_discrete_one(a.as_ref(), b.as_ref(), c.as_ref())?.X;
+/// assert!((&a * &x * &b - &x + &c).norm_l2() < 1e-15);
+/// # Ok::<(), mmae::Error>(())
+/// ```
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub fn sylvester_discrete_one(
+    A: MatRef<'_, f64>,
+    B: MatRef<'_, f64>,
+    C: MatRef<'_, f64>,
+) -> Result<Solution> {
+    one_sylvester(Kind::Discrete, A, B, C)
+}

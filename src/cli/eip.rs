@@ -77,7 +77,8 @@ fn refuse_empty(sets: &EipSets) -> Result<(), Failure> {
     let failed = sets.models.iter().enumerate().filter_map(|(i, m)| Some((i, m.failure.as_ref()?)));
     for (i, failure) in failed {
         let name = summary::model_name(sets, i);
-        messages.push(format!("model {} ({name}) is unusable: {failure}", i + 1));
+        let cause = summary::cause(failure);
+        messages.push(format!("model {} ({name}) is unusable: {cause}", i + 1));
     }
     let unusable = messages.len();
     limit(&mut messages);

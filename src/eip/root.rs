@@ -14,10 +14,17 @@ pub(crate) fn bracket<E>(
 ) -> Result<Bracket, E> {
     let (mut weight_a, mut weight_b) = (1.0, 1.0);
     let (mut last_width, mut bisected) = ((b.0 - a.0).abs(), false);
+    // a root on an end needs no search
+    if a.1 == 0.0 {
+        return Ok(Bracket::Root(a, a));
+    }
+    if b.1 == 0.0 {
+        return Ok(Bracket::Root(b, b));
+    }
     for step in 1.. {
         let size = (b.0 - a.0).abs();
         let resolution = 2.0 * f64::EPSILON * a.0.abs().max(b.0.abs());
-        if a.1 == 0.0 || b.1 == 0.0 || size <= width.max(resolution) || step > 200 {
+        if size <= width.max(resolution) || step > 200 {
             break;
         }
         let (fa, fb) = (a.1 * weight_a, b.1 * weight_b);
@@ -37,6 +44,9 @@ pub(crate) fn bracket<E>(
             x = if low <= high { x.clamp(low, high) } else { middle };
         }
         let Some(fx) = f(x)? else { return Ok(Bracket::Undefined(x)) };
+        if fx == 0.0 {
+            return Ok(Bracket::Root((x, fx), (x, fx)));
+        }
         if (fx > 0.0) == (b.1 > 0.0) {
             let m = 1.0 - fx / b.1;
             weight_a *= if m > 0.0 { m } else { 0.5 };

@@ -11,7 +11,7 @@ use crate::par::{RunControl, try_map_chunks};
 /// Plants of one chunk: about a millisecond of work.
 const CHUNK: usize = 64;
 /// Plants whose pairs are computed by both routes where not all are.
-const SAMPLE: usize = 512;
+pub(crate) const SAMPLE: usize = 512;
 /// Boundaries are bracketed to this share of the grid's span.
 const BRACKET: f64 = 1e-13;
 

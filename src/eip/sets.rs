@@ -237,7 +237,8 @@ pub(crate) fn boundaries(breaks: &[Break]) -> Vec<Boundary> {
         .collect()
 }
 
-/// Stretches whose winner is not the same in every case.
+/// Stretches whose winner is not the same in every case that has one; cases
+/// that are unstable there have their own list.
 pub(crate) fn undecidable(cases: &[Vec<(Interval, Option<usize>)>]) -> Vec<Undecidable> {
     let mut ends: Vec<f64> = cases.iter().flatten().flat_map(|(i, _)| [i.from, i.to]).collect();
     ends.sort_by(f64::total_cmp);
@@ -252,18 +253,15 @@ pub(crate) fn undecidable(cases: &[Vec<(Interval, Option<usize>)>]) -> Vec<Undec
                 case.iter().find(|(i, _)| i.from <= middle && middle <= i.to).and_then(|s| s.1)
             })
             .collect();
-        if winners.windows(2).all(|w| w[0] == w[1]) {
-            continue;
-        }
         let mut models: Vec<usize> = winners.into_iter().flatten().collect();
         models.sort_unstable();
         models.dedup();
+        if models.len() < 2 {
+            continue;
+        }
         match found.last_mut() {
-            Some(last) if last.interval.to == interval.from => {
+            Some(last) if last.interval.to == interval.from && last.models == models => {
                 last.interval.to = interval.to;
-                last.models.extend(models);
-                last.models.sort_unstable();
-                last.models.dedup();
             }
             _ => found.push(Undecidable { interval, models }),
         }

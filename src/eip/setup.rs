@@ -372,11 +372,19 @@ fn checked_plant(family: &dyn Family, theta: &[f64]) -> Result<Plant> {
     Ok(plant)
 }
 
-/// Orders of the plant block and of the observers at the nominal parameters.
-pub(crate) fn orders(study: &Study) -> Result<(usize, usize)> {
+/// Checks what can be seen at the nominal parameters; returns the orders of the
+/// plant block and of the observers.
+pub(crate) fn check(study: &Study) -> Result<(usize, usize)> {
     let family = study.family.as_ref();
     let plant = checked_plant(family, &family.theta_with(&[])?)?;
     study.surroundings.check(&plant)?;
+    let sampled = sampling(study, plant.time)?;
+    check_observer(study.bank.observer, plant.time)?;
+    if sampled.is_none() {
+        for &delay in &study.delays {
+            LoopBlock::new(&plant, None, None, delay, DelayForm::Exact)?;
+        }
+    }
     let s = &study.surroundings;
     let filter = s.disturbance.as_ref().map_or(0, Shaping::nf);
     let outside =

@@ -108,9 +108,18 @@ impl Study {
                 key: "memory_limit",
             });
         }
-        let (order, model_order) = crate::eip::setup::orders(self)?;
+        let (order, model_order) = crate::eip::setup::check(self)?;
         let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));
         let per_plant = Method::flops_per_plant(method, order, model_order, models);
+        let checked = match self.verify {
+            Verify::All => plants,
+            Verify::Auto => plants.min(crate::eip::run::SAMPLE),
+            Verify::None => 0,
+        };
+        let second: f64 = if self.delays.is_empty() { vec![0.0] } else { self.delays.clone() }
+            .iter()
+            .map(|&delay| Method::flops_per_check(delay > 0.0, order, model_order, models))
+            .sum();
         Ok(Cost {
             plants,
             models,
@@ -118,7 +127,7 @@ impl Study {
             order,
             model_order,
             bytes,
-            flops: per_plant * plants as f64 * delays as f64,
+            flops: per_plant * plants as f64 * delays as f64 + second * checked as f64,
             method,
         })
     }

@@ -33,11 +33,13 @@ impl Surroundings {
         if let Some(k) = &self.controller {
             k.check(plant.nu(), plant.ny())?;
         }
-        if let Some(f) = &self.disturbance {
-            f.check("disturbance", plant.nw())?;
-        }
-        if let Some(f) = &self.input {
-            f.check("input", plant.nu())?;
+        for (filter, name, outputs) in
+            [(&self.disturbance, "disturbance", plant.nw()), (&self.input, "input", plant.nu())]
+        {
+            if let Some(f) = filter {
+                f.check(name, outputs)?;
+                f.check_stable(name, plant.time)?;
+            }
         }
         Ok(())
     }

@@ -3,7 +3,9 @@
 use faer::Mat;
 
 use crate::error::{Error, Result};
+use crate::model::Time;
 use crate::model::check::{check_covariance, check_finite, check_shape};
+use crate::solve::least_stable_mode;
 
 /// A linear filter that colours white noise.
 ///
@@ -58,5 +60,24 @@ impl Shaping {
             check_finite(&what, m.as_ref())?;
         }
         check_covariance(&format!("{name}.Q"), self.Q.as_ref(), false)
+    }
+
+    /// Fails unless every mode of the filter called `name` decays: its output
+    /// would have no stationary spectrum.
+    ///
+    /// # Errors
+    /// `Conflict`.
+    pub fn check_stable(&self, name: &str, time: Time) -> Result<()> {
+        let mode = least_stable_mode(self.A.as_ref(), time.is_continuous())?;
+        let (value, states) = (mode.eigenvalue, mode.states(Some(&self.states)));
+        let decays =
+            if time.is_continuous() { value.re < 0.0 } else { value.re.hypot(value.im) < 1.0 };
+        if decays {
+            return Ok(());
+        }
+        Err(Error::Conflict {
+            problem: format!("the filter {name} has a mode {value} ({states}) that does not decay"),
+            remedy: format!("make {name}.A stable: its output needs a stationary spectrum"),
+        })
     }
 }

@@ -158,3 +158,12 @@ pub(crate) fn numbers(models: &[usize], separator: &str) -> String {
 pub(crate) fn count(n: usize, what: &str) -> String {
     format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }
+
+/// What is wrong with a model, without the number and values that the caller
+/// prints.
+pub(crate) fn cause(failure: &crate::Error) -> &crate::Error {
+    match failure {
+        crate::Error::Model { source, .. } => source,
+        other => other,
+    }
+}

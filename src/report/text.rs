@@ -8,6 +8,8 @@ use crate::report::{plain, significant};
 
 /// Columns of the text.
 const WIDTH: usize = 80;
+/// Routes that differ by more, relative, are told apart in the text.
+const ALIKE: f64 = 1e-6;
 /// Lines of a list of examples.
 const LONG: usize = 6;
 /// Lines of a table; what is longer is for programs.
@@ -241,7 +243,8 @@ fn bad_models(out: &mut String, sets: &EipSets) {
     for (i, model) in sets.models.iter().enumerate() {
         let name = summary::model_name(sets, i);
         if let Some(failure) = &model.failure {
-            line(out, &format!("\nModel {} ({name}) is unusable: {failure}.", i + 1));
+            let cause = summary::cause(failure);
+            line(out, &format!("\nModel {} ({name}) is unusable: {cause}.", i + 1));
         }
         if let Some(first) = model.duplicate_of {
             line(
@@ -296,13 +299,21 @@ fn routes(out: &mut String, sets: &EipSets) {
             ),
         );
     } else {
+        let agree = largest <= ALIKE;
         line(
             out,
             &format!(
-                "Lyapunov route ({method}) and frequency integral agree to {} (relative) over {checked} of {pairs} pairs.",
+                "Lyapunov route ({method}) and frequency integral {} {} (relative) over {checked} of {pairs} pairs.",
+                if agree { "agree to" } else { "DIFFER by up to" },
                 significant(largest, 2),
             ),
         );
+        if !agree {
+            line(
+                out,
+                "Take Upsilon with that error. With an actuator delay raise actuator.pade; otherwise look for modes that hardly decay.",
+            );
+        }
     }
 }
 

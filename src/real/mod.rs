@@ -101,6 +101,9 @@ pub trait Real:
     const LANES: usize;
     /// Rows and columns of the register tile of a matrix product: 4, 2 or 1.
     const TILE: usize;
+    /// True if kernels for common small sizes are worth compiling: not for the
+    /// oracle, nor where a fused multiply-add is a call.
+    const UNROLLS: bool;
 
     /// The same number in every lane.
     fn splat(x: f64) -> Self;

@@ -34,6 +34,7 @@ impl Real for f64 {
     const TIER: Tier = Tier::Scalar;
     const LANES: usize = 1;
     const TILE: usize = 2;
+    const UNROLLS: bool = false;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

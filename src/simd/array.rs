@@ -15,18 +15,34 @@ pub(super) struct Array8([f64; LANES]);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MaskArray([bool; LANES]);
 
+// Without a fused instruction each lane of `mul_add` is a call into the
+// mathematics library, which no inlining makes fast: there every operation is a
+// function of its own, or kernels would grow tenfold and take as long to build.
+macro_rules! operation {
+    ($($item:item)*) => {$(
+        #[cfg_attr(any(target_arch = "aarch64", target_feature = "fma"), inline(always))]
+        #[cfg_attr(not(any(target_arch = "aarch64", target_feature = "fma")), inline(never))]
+        $item
+    )*};
+}
+
 impl Array8 {
-    #[inline(always)]
-    fn map(self, f: impl Fn(f64) -> f64) -> Self {
-        Array8(from_fn(|i| f(self.0[i])))
-    }
-    #[inline(always)]
-    fn zip(self, o: Self, f: impl Fn(f64, f64) -> f64) -> Self {
-        Array8(from_fn(|i| f(self.0[i], o.0[i])))
-    }
-    #[inline(always)]
-    fn compare(self, o: Self, f: impl Fn(f64, f64) -> bool) -> MaskArray {
-        MaskArray(from_fn(|i| f(self.0[i], o.0[i])))
+    operation! {
+        fn map(&self, f: impl Fn(f64) -> f64) -> Self {
+            Array8(from_fn(|i| f(self.0[i])))
+        }
+        fn zip(&self, o: &Self, f: impl Fn(f64, f64) -> f64) -> Self {
+            Array8(from_fn(|i| f(self.0[i], o.0[i])))
+        }
+        fn fused(&self, a: &Self, b: &Self) -> Self {
+            Array8(from_fn(|i| self.0[i].mul_add(a.0[i], b.0[i])))
+        }
+        fn compare(&self, o: &Self, f: impl Fn(f64, f64) -> bool) -> MaskArray {
+            MaskArray(from_fn(|i| f(self.0[i], o.0[i])))
+        }
+        fn choose(mask: &MaskArray, a: &Self, b: &Self) -> Self {
+            Array8(from_fn(|i| if mask.0[i] { a.0[i] } else { b.0[i] }))
+        }
     }
 }
 
@@ -74,28 +90,28 @@ impl Add for Array8 {
     type Output = Self;
     #[inline(always)]
     fn add(self, o: Self) -> Self {
-        self.zip(o, |a, b| a + b)
+        self.zip(&o, |a, b| a + b)
     }
 }
 impl Sub for Array8 {
     type Output = Self;
     #[inline(always)]
     fn sub(self, o: Self) -> Self {
-        self.zip(o, |a, b| a - b)
+        self.zip(&o, |a, b| a - b)
     }
 }
 impl Mul for Array8 {
     type Output = Self;
     #[inline(always)]
     fn mul(self, o: Self) -> Self {
-        self.zip(o, |a, b| a * b)
+        self.zip(&o, |a, b| a * b)
     }
 }
 impl Div for Array8 {
     type Output = Self;
     #[inline(always)]
     fn div(self, o: Self) -> Self {
-        self.zip(o, |a, b| a / b)
+        self.zip(&o, |a, b| a / b)
     }
 }
 impl Neg for Array8 {
@@ -115,6 +131,7 @@ impl Real for Array8 {
     // One sum of eight numbers is all that 16 registers of 128 bits hold; the 32
     // of AArch64 hold four.
     const TILE: usize = if cfg!(target_arch = "aarch64") { 2 } else { 1 };
+    const UNROLLS: bool = cfg!(target_arch = "aarch64");
 
     #[inline(always)]
     fn splat(x: f64) -> Self {
@@ -137,12 +154,9 @@ impl Real for Array8 {
     fn store(self, dst: &mut [f64]) {
         dst[..LANES].copy_from_slice(&self.0);
     }
-    // Without the instruction each lane is a call into the mathematics library:
-    // kept in one place, or every product would hold hundreds of calls.
-    #[cfg_attr(any(target_arch = "aarch64", target_feature = "fma"), inline(always))]
-    #[cfg_attr(not(any(target_arch = "aarch64", target_feature = "fma")), inline(never))]
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
-        Array8(from_fn(|i| self.0[i].mul_add(a.0[i], b.0[i])))
+        self.fused(&a, &b)
     }
     #[inline(always)]
     fn neg_mul_add(self, a: Self, b: Self) -> Self {
@@ -158,15 +172,15 @@ impl Real for Array8 {
     }
     #[inline(always)]
     fn copysign(self, sign: Self) -> Self {
-        self.zip(sign, f64::copysign)
+        self.zip(&sign, f64::copysign)
     }
     #[inline(always)]
     fn max(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a > b { a } else { b })
+        self.zip(&other, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
     fn min(self, other: Self) -> Self {
-        self.zip(other, |a, b| if a < b { a } else { b })
+        self.zip(&other, |a, b| if a < b { a } else { b })
     }
     #[inline(always)]
     fn round_ties_even(self) -> Self {
@@ -174,19 +188,19 @@ impl Real for Array8 {
     }
     #[inline(always)]
     fn lt(self, other: Self) -> MaskArray {
-        self.compare(other, |a, b| a < b)
+        self.compare(&other, |a, b| a < b)
     }
     #[inline(always)]
     fn le(self, other: Self) -> MaskArray {
-        self.compare(other, |a, b| a <= b)
+        self.compare(&other, |a, b| a <= b)
     }
     #[inline(always)]
     fn eq(self, other: Self) -> MaskArray {
-        self.compare(other, |a, b| a == b)
+        self.compare(&other, |a, b| a == b)
     }
     #[inline(always)]
     fn select(mask: MaskArray, a: Self, b: Self) -> Self {
-        Array8(from_fn(|i| if mask.0[i] { a.0[i] } else { b.0[i] }))
+        Self::choose(&mask, &a, &b)
     }
     #[inline(always)]
     fn pow2i(n: Self) -> Self {

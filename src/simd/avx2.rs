@@ -146,6 +146,7 @@ impl Real for Pair256 {
     // Four sums of two registers each, two entries of one factor and one of the
     // other: 14 of 16.
     const TILE: usize = 2;
+    const UNROLLS: bool = true;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

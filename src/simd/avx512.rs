@@ -122,6 +122,7 @@ impl Real for Lane512 {
     const LANES: usize = LANES;
     // 16 sums, four entries of one factor and one of the other: 21 of 32.
     const TILE: usize = 4;
+    const UNROLLS: bool = true;
 
     #[inline(always)]
     fn splat(x: f64) -> Self {

@@ -62,7 +62,7 @@ shells!(run_avx2, outline_avx2, Pair256, "avx2,fma");
 // The oracle compiled with the fused instruction: the same bits as the call
 // into the mathematics library that it otherwise becomes, without the call.
 #[cfg(target_arch = "x86_64")]
-shells!(run_scalar_fma, outline_scalar_fma, f64, "avx2,fma");
+shells!(run_scalar, outline_scalar_fma, f64, "avx2,fma");
 
 #[inline(never)]
 fn run_baseline<K: Kernel>(k: K) -> K::Out {
@@ -73,19 +73,16 @@ fn run_baseline<K: Kernel>(k: K) -> K::Out {
 #[inline(never)]
 pub(crate) fn outline_scalar<K: LaneKernel<f64>>(k: K) -> K::Out {
     #[cfg(target_arch = "x86_64")]
-    if Tier::Avx2.available() {
+    if Tier::Scalar.available() {
         // SAFETY: avx2 and fma were detected just above.
         return unsafe { outline_scalar_fma(k) };
     }
     k.run()
 }
 
+/// The oracle where the target itself has a fused instruction.
+#[cfg(not(target_arch = "x86_64"))]
 fn run_scalar<K: Kernel>(k: K) -> K::Out {
-    #[cfg(target_arch = "x86_64")]
-    if Tier::Avx2.available() {
-        // SAFETY: avx2 and fma were detected just above.
-        return unsafe { run_scalar_fma(k) };
-    }
     k.run::<f64>()
 }
 
@@ -112,6 +109,10 @@ pub fn dispatch_on<K: Kernel>(tier: Tier, k: K) -> Option<K::Out> {
         return None;
     }
     Some(match tier {
+        // SAFETY: available, so avx2 and fma were detected.
+        #[cfg(target_arch = "x86_64")]
+        Tier::Scalar => unsafe { run_scalar(k) },
+        #[cfg(not(target_arch = "x86_64"))]
         Tier::Scalar => run_scalar(k),
         Tier::Baseline => run_baseline(k),
         // SAFETY: available, so avx2 and fma were detected.

@@ -1,12 +1,12 @@
 //! Cholesky factorisation, one matrix a lane.
 
-use super::dim::{Dim, Dyn, unrolls};
+use super::dim::{Const, Dim, Dyn, unrolls};
 use super::tile::{self, Rows, accumulate, chain};
 use super::triangular::{solve_lower, solve_lower_t};
 use crate::real::{LaneKernel, Mask, Real};
 
 /// Orders up to which the factorisation is unrolled at the call.
-const UNROLL: usize = 4;
+const UNROLL: usize = 3;
 
 /// `A = L L'` in place, in every lane.
 ///
@@ -34,7 +34,7 @@ const UNROLL: usize = 4;
 pub fn cholesky<T: Real, N: Dim>(n: N, a: &mut [T]) -> T::Mask {
     assert_eq!(a.len(), n.get() * n.get(), "cholesky: slice does not fit {n:?}");
     if unrolls::<N, N, N>(UNROLL) {
-        Cholesky { n, a }.run()
+        Cholesky { n, a }.all()
     } else {
         T::outline(Cholesky { n: Dyn(n.get()), a })
     }
@@ -152,7 +152,32 @@ impl<T: Real, N: Dim> Cholesky<'_, T, N> {
 impl<T: Real, N: Dim> LaneKernel<T> for Cholesky<'_, T, N> {
     type Out = T::Mask;
     #[inline(always)]
-    fn run(mut self) -> T::Mask {
+    fn run(self) -> T::Mask {
+        if T::UNROLLS {
+            match self.n.get() {
+                2 => return self.fixed::<2>(),
+                3 => return self.fixed::<3>(),
+                4 => return self.fixed::<4>(),
+                5 => return self.fixed::<5>(),
+                6 => return self.fixed::<6>(),
+                8 => return self.fixed::<8>(),
+                _ => {}
+            }
+        }
+        self.all()
+    }
+}
+
+impl<T: Real, N: Dim> Cholesky<'_, T, N> {
+    /// The same with a size that the compiler sees.
+    #[inline(always)]
+    fn fixed<const S: usize>(self) -> T::Mask {
+        // Of no effect but to let bounds checks go.
+        Cholesky { n: Const::<S>, a: &mut self.a[..S * S] }.all()
+    }
+
+    #[inline(always)]
+    fn all(mut self) -> T::Mask {
         match T::TILE {
             4 => self.columns::<4>(),
             2 => self.columns::<2>(),

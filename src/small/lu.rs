@@ -1,12 +1,13 @@
 //! LU factorisation with pivoting by lane select, one matrix a lane.
 
-use super::basic::{identity, norm_max};
-use super::dim::{Dim, Dyn, unrolls};
+use super::basic::identity;
+use super::dim::{Const, Dim, Dyn, unrolls};
+use super::tile::{self, Rows, accumulate, chain};
 use super::triangular::{solve_lower_unit, solve_upper};
 use crate::real::{LaneKernel, Mask, Real};
 
 /// Orders up to which the factorisation is unrolled at the call.
-const UNROLL: usize = 4;
+const UNROLL: usize = 3;
 
 /// A diagonal entry is kept as pivot while it is at least this share of the
 /// largest candidate. The choice is made lane by lane, so a lane never depends
@@ -39,7 +40,7 @@ pub fn lu_factor<T: Real, N: Dim>(n: N, a: &mut [T], perm: &mut [T]) -> LuInfo<T
         "lu_factor: slices do not fit {size}x{size}"
     );
     if unrolls::<N, N, N>(UNROLL) {
-        Factor { n, a, perm }.run()
+        Factor { n, a, perm }.all()
     } else {
         T::outline(Factor { n: Dyn(size), a, perm })
     }
@@ -56,9 +57,7 @@ pub fn lu_solve<T: Real, N: Dim, C: Dim>(n: N, r: C, lu: &[T], perm: &[T], x: &m
         perm.len() == size && x.len() == size * width,
         "lu_solve: slices do not fit {size}x{size} and {size}x{width}"
     );
-    for k in 0..size {
-        exchange(k, size, width, perm[k], x);
-    }
+    T::outline(Permute { r: width, perm, x: &mut *x });
     solve_lower_unit(n, r, lu, x);
     solve_upper(n, r, lu, x);
 }
@@ -99,39 +98,187 @@ pub fn inverse<T: Real, N: Dim>(n: N, a: &mut [T], b: &mut [T], perm: &mut [T]) 
     solve(n, n, a, b, perm)
 }
 
-/// Exchanges row `k` of `X` (n x r) with row `chosen`, which differs from lane
-/// to lane.
-#[inline(always)]
-fn exchange<T: Real>(k: usize, n: usize, r: usize, chosen: T, x: &mut [T]) {
-    if r == 0 || chosen.eq(T::splat(k as f64)).all() {
-        return;
-    }
-    let (head, tail) = x[k * r..n * r].split_at_mut(r);
-    for (below, row) in tail.chunks_exact_mut(r).enumerate() {
-        swap_where(chosen.eq(T::splat((k + 1 + below) as f64)), head, row);
-    }
+/// Exchanges row `k` of `m`, `width` columns, with row `chosen`, which differs
+/// from lane to lane: the exchanges of one step, out of line because they are
+/// rare and would fill every caller.
+struct Exchange<'a, T> {
+    k: usize,
+    width: usize,
+    chosen: T,
+    m: &'a mut [T],
 }
 
-/// Exchanges two rows in the lanes of `here`. To skip the work where there are
-/// none changes no bits.
-#[inline(always)]
-fn swap_where<T: Real>(here: T::Mask, p: &mut [T], q: &mut [T]) {
-    if here.any() {
-        for (p, q) in p.iter_mut().zip(q) {
-            let (old_p, old_q) = (*p, *q);
-            *p = T::select(here, old_q, old_p);
-            *q = T::select(here, old_p, old_q);
+impl<T: Real> LaneKernel<T> for Exchange<'_, T> {
+    type Out = ();
+    #[inline(always)]
+    fn run(self) {
+        let Exchange { k, width, chosen, m } = self;
+        let (head, tail) = m[k * width..].split_at_mut(width);
+        for (below, row) in tail.chunks_exact_mut(width).enumerate() {
+            let here = chosen.eq(T::splat((k + 1 + below) as f64));
+            // To skip rows that no lane chose changes no bits.
+            if here.any() {
+                for (p, q) in head.iter_mut().zip(row) {
+                    (*p, *q) = (T::select(here, *q, *p), T::select(here, *p, *q));
+                }
+            }
         }
     }
 }
 
+/// The exchanges of [`lu_factor`] on `X`, n x r.
+struct Permute<'a, T> {
+    r: usize,
+    perm: &'a [T],
+    x: &'a mut [T],
+}
+
+impl<T: Real> LaneKernel<T> for Permute<'_, T> {
+    type Out = ();
+    #[inline(always)]
+    fn run(self) {
+        let Permute { r, perm, x } = self;
+        if r == 0 {
+            return;
+        }
+        for (k, &chosen) in perm.iter().enumerate() {
+            if !chosen.eq(T::splat(k as f64)).all() {
+                T::outline(Exchange { k, width: r, chosen, m: &mut *x });
+            }
+        }
+    }
+}
+
+/// The factorisation, block column by block column, left to right.
+///
+/// ```text
+/// U_IJ = L_II^-1 (A_IJ - sum_{P < I} L_IP U_PJ)      blocks above the diagonal
+/// A_IJ <- A_IJ - sum_{P < J} L_IP U_PJ               blocks on and below it
+/// then the panel of all rows from the diagonal down, column by column
+/// ```
+/// Each entry is one chain over the inner index, the same for every tile.
 struct Factor<'a, T, N> {
     n: N,
     a: &'a mut [T],
     perm: &'a mut [T],
 }
 
+/// What the factorisation has seen of the pivots.
+#[derive(Clone, Copy)]
+struct Pivots<T: Real> {
+    ok: T::Mask,
+    smallest: T,
+}
+
 impl<T: Real, N: Dim> Factor<'_, T, N> {
+    #[inline(always)]
+    fn blocks<const R: usize>(mut self) -> LuInfo<T> {
+        let n = self.n.get();
+        let largest = magnitude(self.a);
+        let mut seen = Pivots { ok: T::Mask::splat(true), smallest: T::splat(f64::INFINITY) };
+        let full = n / R * R;
+        for j in (0..full).step_by(R) {
+            self.update::<R, R>(j);
+            self.panel::<R>(j, &mut seen);
+        }
+        match n - full {
+            3 => {
+                self.update::<R, 3>(full);
+                self.panel::<3>(full, &mut seen);
+            }
+            2 => {
+                self.update::<R, 2>(full);
+                self.panel::<2>(full, &mut seen);
+            }
+            1 => {
+                self.update::<R, 1>(full);
+                self.panel::<1>(full, &mut seen);
+            }
+            _ => {}
+        }
+        LuInfo { ok: seen.ok, pivot_ratio: seen.smallest / largest }
+    }
+
+    /// Columns `j..j + W` of all rows, by the columns to their left.
+    #[inline(always)]
+    fn update<const R: usize, const W: usize>(&mut self, j: usize) {
+        if j == 0 {
+            return;
+        }
+        let n = self.n.get();
+        let full = n / R * R;
+        for i in (0..full).step_by(R) {
+            self.tile::<R, W>(i, j);
+        }
+        match n - full {
+            3 => self.tile::<3, W>(full, j),
+            2 => self.tile::<2, W>(full, j),
+            1 => self.tile::<1, W>(full, j),
+            _ => {}
+        }
+    }
+
+    /// Rows `i..i + R` of columns `j..j + W`.
+    #[inline(always)]
+    fn tile<const R: usize, const W: usize>(&mut self, i: usize, j: usize) {
+        let n = self.n.get();
+        let a = Rows { data: &*self.a, stride: n };
+        let mut sum = tile::load::<T, R, W>(a, (i, j));
+        let inner = (0, i.min(j));
+        accumulate::<T, R, W, false, false, { chain::SUB }>(a, a, (i, j), inner, &mut sum);
+        if i < j {
+            for r in 1..R {
+                for p in 0..r {
+                    let factor = self.a[(i + r) * n + i + p];
+                    for s in 0..W {
+                        sum[r][s] = factor.neg_mul_add(sum[p][s], sum[r][s]);
+                    }
+                }
+            }
+        }
+        tile::store(&sum, self.a, n, (i, j));
+    }
+
+    /// Factors columns `j..j + W` of the rows from `j` down.
+    #[inline(always)]
+    fn panel<const W: usize>(&mut self, j: usize, seen: &mut Pivots<T>) {
+        self.column::<W, 0>(j, seen);
+        if W > 1 {
+            self.column::<W, 1>(j, seen);
+        }
+        if W > 2 {
+            self.column::<W, 2>(j, seen);
+        }
+        if W > 3 {
+            self.column::<W, 3>(j, seen);
+        }
+    }
+
+    /// Column `C` of the panel: pivot, factors, and the columns to its right.
+    #[inline(always)]
+    fn column<const W: usize, const C: usize>(&mut self, j: usize, seen: &mut Pivots<T>) {
+        let n = self.n.get();
+        let k = j + C;
+        self.pivot(k);
+        let (top, below) = self.a.split_at_mut((k + 1) * n);
+        let pivot = &mut top[k * n + j..][..W];
+        let size = pivot[C].abs();
+        // False for NaN too; the reciprocal of a subnormal may overflow.
+        let good = size.ge(T::splat(f64::MIN_POSITIVE)) & size.is_finite();
+        seen.ok = seen.ok & good;
+        seen.smallest = size.min(seen.smallest);
+        pivot[C] = T::select(good, pivot[C], T::one());
+        let inverse = pivot[C].recip();
+        for row in below.chunks_exact_mut(n) {
+            let row = &mut row[j..][..W];
+            let factor = row[C] * inverse;
+            row[C] = factor;
+            for s in C + 1..W {
+                row[s] = factor.neg_mul_add(pivot[s], row[s]);
+            }
+        }
+    }
+
     /// Chooses the pivot of step `k` in each lane and brings it to row `k`.
     #[inline(always)]
     fn pivot(&mut self, k: usize) {
@@ -144,75 +291,68 @@ impl<T: Real, N: Dim> Factor<'_, T, N> {
         let mut number = T::splat(k as f64);
         let mut searching = !diagonal.ge(best * T::splat(KEEP));
         if searching.any() {
-            let (head, tail) = self.a[k * n..].split_at_mut(n);
-            for (below, row) in tail.chunks_exact_mut(n).enumerate() {
+            for (below, row) in self.a[(k + 1) * n..].chunks_exact(n).enumerate() {
                 let here = searching & row[k].abs().eq(best);
                 searching = searching & !here;
                 number = T::select(here, T::splat((k + 1 + below) as f64), number);
-                swap_where(here, head, row);
             }
+            T::outline(Exchange { k, width: n, chosen: number, m: &mut *self.a });
         }
         self.perm[k] = number;
     }
+}
 
-    /// Subtracts from `R` rows below step `k` their multiples of the pivot row.
-    #[inline(always)]
-    fn eliminate<const R: usize>(n: usize, k: usize, inverse: T, pivot: &[T], rows: &mut [T]) {
-        let mut factor = [T::zero(); R];
-        for r in 0..R {
-            factor[r] = rows[r * n + k] * inverse;
-            rows[r * n + k] = factor[r];
-        }
-        let mut tails: [&mut [T]; R] = std::array::from_fn(|_| Default::default());
-        for (tail, row) in tails.iter_mut().zip(rows.chunks_exact_mut(n)) {
-            *tail = &mut row[k + 1..];
-        }
-        let width = n - k - 1;
-        let pivot = &pivot[k + 1..];
-        for r in 0..R {
-            tails[r] = &mut std::mem::take(&mut tails[r])[..width];
-        }
-        for j in 0..width {
-            let p = pivot[j];
-            for r in 0..R {
-                tails[r][j] = factor[r].neg_mul_add(p, tails[r][j]);
-            }
+/// Largest magnitude, NaN left out: a NaN reaches the pivots anyway.
+#[inline(always)]
+fn magnitude<T: Real>(a: &[T]) -> T {
+    // Four chains: one would wait for the latency of every comparison.
+    let mut parts = [T::zero(); 4];
+    let (fours, rest) = a.as_chunks::<4>();
+    for four in fours {
+        for (part, x) in parts.iter_mut().zip(four) {
+            *part = x.abs().max(*part);
         }
     }
+    for (part, x) in parts.iter_mut().zip(rest) {
+        *part = x.abs().max(*part);
+    }
+    parts[0].max(parts[1]).max(parts[2].max(parts[3]))
 }
 
 impl<T: Real, N: Dim> LaneKernel<T> for Factor<'_, T, N> {
     type Out = LuInfo<T>;
     #[inline(always)]
-    fn run(mut self) -> LuInfo<T> {
-        let n = self.n.get();
-        let largest = norm_max(self.a);
-        let mut smallest = T::splat(f64::INFINITY);
-        let mut ok = T::Mask::splat(true);
-        for k in 0..n {
-            self.pivot(k);
-            let (top, below) = self.a.split_at_mut((k + 1) * n);
-            let pivot_row = &mut top[k * n..];
-            let size = pivot_row[k].abs();
-            // False for NaN too; the reciprocal of a subnormal may overflow.
-            let good = size.ge(T::splat(f64::MIN_POSITIVE)) & size.is_finite();
-            ok = ok & good;
-            smallest = size.min(smallest);
-            pivot_row[k] = T::select(good, pivot_row[k], T::one());
-            let inverse = pivot_row[k].recip();
-            let pivot_row = &pivot_row[..n];
-            let mut fours = below.chunks_exact_mut(4 * n);
-            for rows in &mut fours {
-                Self::eliminate::<4>(n, k, inverse, pivot_row, rows);
-            }
-            let rest = fours.into_remainder();
-            match rest.len() / n {
-                3 => Self::eliminate::<3>(n, k, inverse, pivot_row, rest),
-                2 => Self::eliminate::<2>(n, k, inverse, pivot_row, rest),
-                1 => Self::eliminate::<1>(n, k, inverse, pivot_row, rest),
+    fn run(self) -> LuInfo<T> {
+        if T::UNROLLS {
+            match self.n.get() {
+                2 => return self.fixed::<2>(),
+                3 => return self.fixed::<3>(),
+                4 => return self.fixed::<4>(),
+                5 => return self.fixed::<5>(),
+                6 => return self.fixed::<6>(),
+                8 => return self.fixed::<8>(),
                 _ => {}
             }
         }
-        LuInfo { ok, pivot_ratio: smallest / largest }
+        self.all()
+    }
+}
+
+impl<T: Real, N: Dim> Factor<'_, T, N> {
+    /// The same with a size that the compiler sees.
+    #[inline(always)]
+    fn fixed<const S: usize>(self) -> LuInfo<T> {
+        // Of no effect but to let bounds checks go.
+        let (a, perm) = (&mut self.a[..S * S], &mut self.perm[..S]);
+        Factor { n: Const::<S>, a, perm }.all()
+    }
+
+    #[inline(always)]
+    fn all(self) -> LuInfo<T> {
+        match T::TILE {
+            4 => self.blocks::<4>(),
+            2 => self.blocks::<2>(),
+            _ => self.blocks::<1>(),
+        }
     }
 }

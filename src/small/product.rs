@@ -4,14 +4,12 @@
 //! the inner index, so its bits do not depend on the tile, on `Const` or `Dyn`,
 //! or on whether half of a symmetric result is mirrored.
 
-use super::dim::{Dim, Dyn, unrolls};
+use super::dim::{Const, Dim, Dyn, unrolls};
 use super::tile::{self, Rows, accumulate, chain};
 use crate::real::{LaneKernel, Real};
 
 /// Sizes up to which a product is unrolled where it is called.
-const UNROLL: usize = 4;
-/// Sizes up to which a fixed-size product is compiled, once a size.
-const FIXED: usize = 6;
+const UNROLL: usize = 3;
 
 /// What happens to the old entries of the result.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,13 +53,31 @@ where
             "product: slices do not fit {m}x{k} times {k}x{n}"
         );
         if unrolls::<M, K, N>(UNROLL) {
-            self.run();
-        } else if unrolls::<M, K, N>(FIXED) {
-            T::outline(self);
+            self.tiles();
         } else {
             let Product { a, b, c, onto, .. } = self;
             let (m, k, n) = (Dyn(m), Dyn(k), Dyn(n));
             T::outline(Product::<T, Dyn, Dyn, Dyn, TA, TB, HALF> { m, k, n, a, b, c, onto });
+        }
+    }
+
+    /// The same product with sizes that the compiler sees.
+    #[inline(always)]
+    fn square<const S: usize>(self) {
+        let Product { a, b, c, onto, .. } = self;
+        let s = Const::<S>;
+        // Of no effect but to let bounds checks go.
+        let (a, b, c) = (&a[..S * S], &b[..S * S], &mut c[..S * S]);
+        Product::<T, _, _, _, TA, TB, HALF> { m: s, k: s, n: s, a, b, c, onto }.tiles();
+    }
+
+    /// All tiles.
+    #[inline(always)]
+    fn tiles(mut self) {
+        match T::TILE {
+            4 => self.rows::<4, 4>(),
+            2 => self.rows::<2, 2>(),
+            _ => self.rows::<1, 1>(),
         }
     }
 
@@ -152,12 +168,18 @@ impl<T: Real, M: Dim, K: Dim, N: Dim, const TA: bool, const TB: bool, const HALF
 {
     type Out = ();
     #[inline(always)]
-    fn run(mut self) {
-        match T::TILE {
-            4 => self.rows::<4, 4>(),
-            2 => self.rows::<2, 2>(),
-            _ => self.rows::<1, 1>(),
+    fn run(self) {
+        if T::UNROLLS {
+            match (self.m.get(), self.k.get(), self.n.get()) {
+                (2, 2, 2) => return self.square::<2>(),
+                (3, 3, 3) => return self.square::<3>(),
+                (4, 4, 4) => return self.square::<4>(),
+                (5, 5, 5) => return self.square::<5>(),
+                (6, 6, 6) => return self.square::<6>(),
+                _ => {}
+            }
         }
+        self.tiles();
     }
 }
 

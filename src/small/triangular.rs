@@ -1,11 +1,11 @@
 //! Triangular systems with many right-hand sides, register-tiled.
 
-use super::dim::{Dim, Dyn, unrolls};
+use super::dim::{Const, Dim, Dyn, unrolls};
 use super::tile::{self, Rows, accumulate, chain};
 use crate::real::{LaneKernel, Real};
 
 /// Orders up to which a solve is unrolled at the call.
-const UNROLL: usize = 4;
+const UNROLL: usize = 3;
 
 /// Which triangle, and which way it is solved.
 mod kind {
@@ -46,7 +46,7 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
             "triangular solve: slices do not fit {n}x{n} and {n}x{r}"
         );
         if unrolls::<N, C, N>(UNROLL) {
-            self.run();
+            self.all();
         } else {
             let Triangular { t, x, .. } = self;
             T::outline(Triangular::<T, Dyn, Dyn, KIND> { n: Dyn(n), r: Dyn(r), t, x });
@@ -158,7 +158,33 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
 impl<T: Real, N: Dim, C: Dim, const KIND: u8> LaneKernel<T> for Triangular<'_, T, N, C, KIND> {
     type Out = ();
     #[inline(always)]
-    fn run(mut self) {
+    fn run(self) {
+        if T::UNROLLS {
+            match self.n.get() {
+                2 => return self.fixed::<2>(),
+                3 => return self.fixed::<3>(),
+                4 => return self.fixed::<4>(),
+                5 => return self.fixed::<5>(),
+                6 => return self.fixed::<6>(),
+                8 => return self.fixed::<8>(),
+                _ => {}
+            }
+        }
+        self.all();
+    }
+}
+
+impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
+    /// The same with a size that the compiler sees.
+    #[inline(always)]
+    fn fixed<const S: usize>(self) {
+        // Of no effect but to let bounds checks go.
+        let t = &self.t[..S * S];
+        Triangular::<T, _, _, KIND> { n: Const::<S>, r: self.r, t, x: self.x }.all();
+    }
+
+    #[inline(always)]
+    fn all(mut self) {
         match T::TILE {
             4 => self.rows::<4, 4>(),
             2 => self.rows::<2, 2>(),

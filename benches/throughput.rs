@@ -14,7 +14,7 @@ use mmae::eip::{Study, Verify};
 use mmae::model::{Grid, systems};
 use mmae::observer::{ModelSet, ObserverKind};
 use mmae::par::RunControl;
-use mmae::solve::{self, Riccati, Solutions};
+use mmae::solve::{self, Lyapunov, Riccati, Solutions};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -49,6 +49,8 @@ impl Stream {
 enum Equation {
     Care,
     Dare,
+    LyapunovContinuous,
+    LyapunovDiscrete,
 }
 
 /// A batch of one equation: `A`, `B`, `Q` in C order (`R = I`).
@@ -65,15 +67,21 @@ struct Batch {
 
 impl Batch {
     fn new(equation: Equation, n: usize, len: usize) -> Batch {
-        let m = n / 2;
+        let riccati = matches!(equation, Equation::Care | Equation::Dare);
+        let m = if riccati { n / 2 } else { 0 };
         let seed = n as u64 + 100 * equation as u64;
         let mut stream = Stream { state: seed };
         let (mut a, mut b, mut q) = (Vec::new(), Vec::new(), Vec::new());
+        let root = (n as f64).sqrt();
         for _ in 0..len {
-            for u in stream.take(n * n) {
+            for (k, u) in stream.take(n * n).into_iter().enumerate() {
+                let diagonal = k % (n + 1) == 0;
                 a.push(match equation {
                     Equation::Care => u / 2.0,
                     Equation::Dare => 0.7 * u,
+                    Equation::LyapunovContinuous if diagonal => u - (1.0 + root),
+                    Equation::LyapunovContinuous => u,
+                    Equation::LyapunovDiscrete => u / (1.5 * root),
                 });
             }
             b.extend(stream.take(n * m));
@@ -93,9 +101,12 @@ impl Batch {
         let (n, m, len) = (self.n, self.m, self.len);
         let riccati =
             Riccati { n, m, len, A: &self.a, B: &self.b, Q: &self.q, R: &self.r, S: None };
+        let lyapunov = Lyapunov { n, len, A: &self.a, Q: &self.q };
         match self.equation {
             Equation::Care => solve::care_with(&riccati, control),
             Equation::Dare => solve::dare_with(&riccati, control),
+            Equation::LyapunovContinuous => solve::lyapunov_continuous_with(&lyapunov, control),
+            Equation::LyapunovDiscrete => solve::lyapunov_discrete_with(&lyapunov, control),
         }
     }
 
@@ -161,7 +172,12 @@ type Run = Box<dyn Fn(&RunControl<'_>) -> Any<Pass>>;
 
 /// Every case: its name, and what runs it once.
 fn cases(test: bool) -> Vec<(String, Run)> {
-    let kinds = [("care", Equation::Care), ("dare", Equation::Dare)];
+    let kinds = [
+        ("care", Equation::Care),
+        ("dare", Equation::Dare),
+        ("clyap", Equation::LyapunovContinuous),
+        ("dlyap", Equation::LyapunovDiscrete),
+    ];
     let mut out: Vec<(String, Run)> = Vec::new();
     for (name, equation) in kinds {
         for n in [4, 8, 12] {

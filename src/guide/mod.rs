@@ -3,6 +3,7 @@
 #[doc = include_str!("architecture.md")]
 pub mod architecture {}
 
+#[cfg(feature = "cli")]
 #[doc = include_str!("command.md")]
 pub mod command {}
 
@@ -12,8 +13,10 @@ pub mod eip {}
 #[doc = include_str!("notation.md")]
 pub mod notation {}
 
+#[cfg(feature = "cli")]
 #[doc = include_str!("results.md")]
 pub mod results {}
 
+#[cfg(feature = "scenario")]
 #[doc = include_str!("scenario.md")]
 pub mod scenario {}

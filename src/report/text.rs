@@ -1,13 +1,10 @@
 //! The study as a text that reads well in 80 columns.
 
-use std::fmt::Write;
-
 use crate::eip::{Case, EipSets, Method};
+use crate::report::layout::{Table, WIDTH, left, line, right, shorten};
 use crate::report::summary::{self, count, numbers};
 use crate::report::{plain, significant};
 
-/// Columns of the text.
-const WIDTH: usize = 80;
 /// Routes that differ by more, relative, are told apart in the text.
 const ALIKE: f64 = 1e-6;
 /// Lines of a list of examples.
@@ -328,103 +325,5 @@ pub(crate) fn method_name(method: Method) -> &'static str {
 fn cut(out: &mut String, total: usize, shown: usize) {
     if total > shown {
         out.push_str(&format!("  ... and {} more\n", total - shown));
-    }
-}
-
-/// `text` cut to `width` characters.
-fn shorten(text: &str, width: usize) -> String {
-    let clean: String = text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
-    if clean.chars().count() <= width {
-        return clean;
-    }
-    let mut short: String = clean.chars().take(width - 2).collect();
-    short.push_str("..");
-    short
-}
-
-/// One paragraph, broken between words.
-fn line(out: &mut String, text: &str) {
-    for paragraph in text.split('\n') {
-        let mut used = 0;
-        for word in paragraph.split(' ') {
-            let width = word.chars().count();
-            if used > 0 && used + 1 + width > WIDTH {
-                out.push('\n');
-                used = 0;
-            } else if used > 0 {
-                out.push(' ');
-                used += 1;
-            }
-            out.push_str(word);
-            used += width;
-        }
-        out.push('\n');
-    }
-}
-
-#[derive(Clone)]
-struct Cell {
-    text: String,
-    right: bool,
-}
-
-fn left(text: &str) -> Cell {
-    Cell { text: text.into(), right: false }
-}
-
-fn right(text: &str) -> Cell {
-    Cell { text: text.into(), right: true }
-}
-
-/// Columns aligned two spaces apart.
-#[derive(Default)]
-struct Table {
-    rows: Vec<Vec<Cell>>,
-}
-
-impl Table {
-    fn row(&mut self, row: Vec<Cell>) {
-        self.rows.push(row);
-    }
-
-    fn columns(&self) -> usize {
-        self.rows.iter().map(Vec::len).max().unwrap_or(0)
-    }
-
-    fn widths(&self) -> Vec<usize> {
-        let width = |k: usize| {
-            let cells = self.rows.iter().filter_map(|row| row.get(k));
-            cells.map(|c| c.text.chars().count()).max().unwrap_or(0)
-        };
-        (0..self.columns()).map(width).collect()
-    }
-
-    fn width(&self) -> usize {
-        self.widths().iter().map(|w| w + 2).sum()
-    }
-
-    /// Keeps the first `columns` columns.
-    fn drop_last(&mut self, columns: usize) {
-        for row in &mut self.rows {
-            row.truncate(columns);
-        }
-    }
-
-    fn print(&self, out: &mut String) {
-        let widths = self.widths();
-        for row in &self.rows {
-            let mut text = String::new();
-            for (cell, &w) in row.iter().zip(&widths) {
-                text.push_str("  ");
-                // writing to a String cannot fail
-                let _ = if cell.right {
-                    write!(text, "{:>w$}", cell.text)
-                } else {
-                    write!(text, "{:<w$}", cell.text)
-                };
-            }
-            out.push_str(text.trim_end());
-            out.push('\n');
-        }
     }
 }

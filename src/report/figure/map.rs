@@ -1,21 +1,18 @@
 //! Two parameters: a map of winners, stronger where the margin is larger.
 
-use svg::node::element::{Circle, Group, SVG};
+use svg::node::element::{Group, SVG};
 
-use super::canvas::{self, Area, LABEL, NOTE, TICK, TITLE, WIDTH};
+use super::canvas::{self, Area, LABEL, NOTE, TITLE, WIDTH};
+use super::key::dot;
 use super::palette::{Color, GREY, INK};
 use super::scale::Scale;
+use super::shade::{SHADES, levels, shade};
 use crate::eip::EipSets;
 use crate::model::Axis;
-use crate::report::number::{decade, pretty};
 use crate::report::summary;
 
 /// Cells a side, at most; finer grids show every few points.
 const CELLS: usize = 240;
-/// Shades of a colour, from the smallest margin to the largest.
-const SHADES: [f64; 5] = [0.78, 0.6, 0.4, 0.2, 0.0];
-/// Rows of the legend.
-const LEGEND: usize = 18;
 
 pub(super) fn draw(sets: &EipSets) -> SVG {
     let axes = sets.grid.axes();
@@ -66,8 +63,8 @@ fn padded(axis: &Axis, shown: &[usize], start: f64, end: f64) -> Scale {
 }
 
 /// The shown plane of the grid: the first two axes.
-struct Plane<'a> {
-    sets: &'a EipSets,
+pub(super) struct Plane<'a> {
+    pub(super) sets: &'a EipSets,
     /// Shown indices of the first and of the second axis.
     columns: Vec<usize>,
     rows: Vec<usize>,
@@ -284,106 +281,6 @@ impl<'a> Plane<'a> {
         }
         group
     }
-
-    fn legend(&self, levels: &[f64], x: f64, top: f64) -> Group {
-        let sets = self.sets;
-        let mut group = Group::new();
-        let mut y = top;
-        let heading = |group: Group, y: f64, text: &str| {
-            group.add(canvas::text(x, y, NOTE, text).set("font-weight", "bold"))
-        };
-        group = heading(group, y, "winner");
-        let seen: Vec<bool> = {
-            let mut seen = vec![false; sets.models.len()];
-            for i in sets.cases[0].winner.iter().flatten() {
-                seen[*i] = true;
-            }
-            seen
-        };
-        let winners: Vec<usize> = (0..seen.len()).filter(|&i| seen[i]).collect();
-        for &i in winners.iter().take(LEGEND) {
-            y += 25.0;
-            group = group.add(dot(x + 11.0, y - 5.0, i));
-            // a line never breaks between a name and its value
-            let label = summary::short_name(sets, i).replace(" = ", "\u{a0}=\u{a0}");
-            let lines = canvas::wrapped(&label, NOTE, WIDTH - x - 40.0);
-            // names of many values take more lines, where there is room
-            let lines = &lines[..lines.len().min(if winners.len() > 8 { 1 } else { 3 })];
-            for (k, text) in lines.iter().enumerate() {
-                y += if k > 0 { 20.0 } else { 0.0 };
-                group = group.add(canvas::text(x + 29.0, y, NOTE, text));
-            }
-        }
-        let mut lines = Vec::new();
-        if winners.len() > LEGEND {
-            lines.push(format!("and {} more", winners.len() - LEGEND));
-        }
-        if winners.len() < sets.models.len() {
-            let losers = sets.models.len() - winners.len();
-            lines.push(format!("{} without a plant", summary::count(losers, "model")));
-        }
-        for text in lines {
-            y += 25.0;
-            group = group.add(canvas::text(x, y, NOTE, &text).set("fill", GREY));
-        }
-        if sets.cases[0].winner.iter().any(Option::is_none) {
-            y += 27.0;
-            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 15.0 };
-            let text = if winners.is_empty() { "no winner anywhere" } else { "unstable loop" };
-            group = group.add(swatch.frame().set("fill", canvas::UNSTABLE)).add(canvas::text(
-                x + 29.0,
-                y,
-                NOTE,
-                text,
-            ));
-        }
-        if (0..sets.grid.len()).any(|plant| summary::undecided(sets, plant)) {
-            y += 27.0;
-            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 15.0 };
-            group = group.add(swatch.frame().set("fill", canvas::UNDECIDABLE)).add(canvas::text(
-                x + 29.0,
-                y,
-                NOTE,
-                "undecidable",
-            ));
-        }
-        if levels.is_empty() {
-            return group;
-        }
-        y += 44.0;
-        group = heading(group, y, "margin to runner-up");
-        let first = SHADES.len() - 1 - levels.len();
-        for (k, pale) in SHADES[first..].iter().enumerate() {
-            y += 22.0;
-            let swatch = Area { x, y: y - 13.0, w: 22.0, h: 17.0 };
-            let text = match (k.checked_sub(1).map(|b| levels[b]), levels.get(k)) {
-                (None, Some(above)) => format!("below {}", pretty(*above)),
-                (Some(below), Some(above)) => format!("{} to {}", pretty(below), pretty(*above)),
-                (Some(below), None) => format!("above {}", pretty(below)),
-                (None, None) => String::new(),
-            };
-            group = group
-                .add(swatch.frame().set("fill", Color::of(0).pale(*pale)))
-                .add(canvas::text(x + 29.0, y, NOTE, &text));
-        }
-        group
-    }
-}
-
-fn dot(x: f64, y: f64, model: usize) -> Group {
-    let circle = Circle::new()
-        .set("cx", canvas::px(x))
-        .set("cy", canvas::px(y))
-        .set("r", 10.5)
-        .set("fill", Color::of(model))
-        .set("stroke", "#ffffff")
-        .set("stroke-width", 1.6);
-    let number = (model + 1).to_string();
-    let size = if number.len() > 2 { 10.0 } else { TICK - 3.0 };
-    Group::new().add(circle).add(
-        canvas::centered(x, y + 0.36 * size, size, &number)
-            .set("fill", Color::of(model).contrast()),
-    )
 }
 
 /// Pixels between the shown values of an axis, one more than there are values.
@@ -393,40 +290,4 @@ fn edges(axis: &Axis, shown: &[usize], scale: &Scale) -> Vec<f64> {
     edges.extend(values.windows(2).map(|w| scale.at(scale.middle(w[0], w[1]))));
     edges.push(scale.end);
     edges
-}
-
-/// Index into [`SHADES`] of a margin, given increasing levels.
-fn shade(levels: &[f64], margin: f64) -> usize {
-    let first = SHADES.len() - 1 - levels.len();
-    // an infinite margin (one model) has the full colour
-    first + levels.iter().filter(|level| margin >= **level).count()
-}
-
-/// Up to four round numbers that part the sorted margins evenly.
-fn levels(sorted: &[f64]) -> Vec<f64> {
-    let Some(&largest) = sorted.last() else { return Vec::new() };
-    if largest <= 0.0 {
-        return Vec::new();
-    }
-    let mut levels: Vec<f64> = [0.15, 0.4, 0.65, 0.88]
-        .iter()
-        .map(|q| sorted[((sorted.len() - 1) as f64 * q) as usize])
-        .filter(|m| *m > 0.0)
-        .map(round)
-        .collect();
-    levels.dedup();
-    levels
-}
-
-/// The nearest of 1, 2, 5 times a power of ten.
-fn round(v: f64) -> f64 {
-    let exponent = decade(v);
-    let mut best = f64::NAN;
-    for text in ["1", "2", "5", "10"] {
-        let candidate: f64 = format!("{text}e{exponent}").parse().unwrap_or(f64::NAN);
-        if best.is_nan() || (candidate / v).ln().abs() < (best / v).ln().abs() {
-            best = candidate;
-        }
-    }
-    best
 }

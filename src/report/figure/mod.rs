@@ -8,10 +8,16 @@
 mod canvas;
 mod curves;
 mod decisions;
+mod key;
+mod labels;
 mod map;
+mod margin;
 mod palette;
+mod panel;
 mod place;
 mod scale;
+mod shade;
+mod trace;
 
 use std::io::{self, Write};
 

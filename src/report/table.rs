@@ -17,7 +17,7 @@ use crate::eip::EipSets;
 /// Rows of a row group, at most: bounds the memory of writer and readers.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// Writes the study as Parquet (format 2, no compression, dictionaries).
+/// Writes the study as Parquet, without compression.
 ///
 /// Columns: `delay`, one a grid parameter (`plant_` in front of a name that is
 /// taken), `plant` and `model` (indices from 0), `label`, `upsilon` and `error`

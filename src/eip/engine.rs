@@ -94,8 +94,7 @@ impl<'a> Engine<'a> {
     }
 
     /// Energies by the separable form; plants whose eigenvectors are
-    /// ill-conditioned, and those where two models are closer than its
-    /// accuracy, by doubling.
+    /// ill-conditioned by doubling.
     fn modal_energies(&self, modal: &Modal, blocks: &[LoopBlock]) -> Result<Vec<f64>> {
         let models = modal.len();
         let mut energies = vec![f64::NAN; blocks.len() * models];
@@ -154,7 +153,11 @@ impl<'a> Engine<'a> {
             .pairs
             .iter()
             .map(|pair| match pair {
-                Some(p) => energies.next().map_or(f64::NAN, |e| self.setup.upsilon(p, e, r)),
+                Some(p) => match energies.next() {
+                    // an energy below zero is all rounding
+                    Some(e) if e >= 0.0 => self.setup.upsilon(p, e, r),
+                    _ => f64::NAN,
+                },
                 None => f64::NAN,
             })
             .collect()

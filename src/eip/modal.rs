@@ -30,8 +30,9 @@ use crate::real::{Mask, Real};
 use crate::simd::{self, Kernel, LANES};
 use crate::solve::backend;
 
-/// Largest condition number of an eigenvalue that is accepted.
-const CONDITION: f64 = 1e5;
+/// Largest condition number of an eigenvalue that is accepted; those of plant
+/// and model multiply.
+const CONDITION: f64 = 3e3;
 
 /// Eigenvalues with scaled eigenvectors: `left[j]` is row `j` of `V^-1`.
 pub(crate) struct Modes {

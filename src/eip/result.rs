@@ -58,7 +58,7 @@ pub struct Interval {
 pub struct Boundary {
     /// Parameter value, refined.
     pub value: f64,
-    /// Half-width of the bracket plus the effect of the error of Upsilon.
+    /// Width of the bracket plus the difference of the routes over the slope.
     pub uncertainty: f64,
     /// Model that wins below.
     pub left: usize,
@@ -88,7 +88,7 @@ pub struct Case {
     /// unstable and models that failed.
     pub upsilon: Vec<f64>,
     /// Error estimate of each Upsilon: the difference of the two routes where
-    /// both were taken, else the largest difference seen, scaled.
+    /// both were taken, NaN elsewhere.
     pub error: Vec<f64>,
     /// Winning model of each plant.
     pub winner: Vec<Option<usize>>,

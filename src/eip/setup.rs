@@ -8,7 +8,7 @@ use crate::eip::study::Study;
 use crate::eip::{Convention, EipSets, Model, run};
 use crate::error::{Error, Result};
 use crate::model::{
-    Controller, DelayForm, Family, LoopBlock, Plant, Shaping, Time, describe, sample,
+    Controller, DelayForm, Family, LoopBlock, Plant, Shaping, Time, check_shape, describe, sample,
 };
 use crate::observer::{self, Observer, ObserverKind};
 use crate::par::RunControl;
@@ -114,9 +114,11 @@ impl Setup {
         let bank = &study.bank;
         let nominal_theta = family.theta_with(&[])?;
         let mut failures: Vec<Option<Error>> = Vec::new();
+        let mut first: Option<Plant> = None;
         let mut plants = Vec::new();
         for i in 0..bank.models.len() {
             let plant = bank.design_plant(i, family, &study.surroundings).and_then(|plant| {
+                same_size(first.get_or_insert_with(|| plant.clone()), &plant)?;
                 match self.sampled {
                     Some(dt) => Ok(sample(&plant, dt, 0.0)?.0),
                     None => Ok(plant),
@@ -293,6 +295,7 @@ impl Setup {
                 return Err(varying_noise());
             }
         }
+        same_size(&plant, &self.nominal)?;
         if plant.time != self.nominal.time {
             return Err(Error::Conflict {
                 problem: "the family mixes continuous and discrete plants".into(),
@@ -344,6 +347,19 @@ impl Setup {
             None => 0.5 * ln_det + 0.5 * trace(&model.W, r),
         }
     }
+}
+
+/// Fails unless two plants of a family have the same sizes.
+fn same_size(plant: &Plant, like: &Plant) -> Result<()> {
+    for (what, got, want) in [
+        ("A", &plant.A, &like.A),
+        ("B", &plant.B, &like.B),
+        ("G", &plant.G, &like.G),
+        ("C", &plant.C, &like.C),
+    ] {
+        check_shape(what, got.as_ref(), [want.nrows(), want.ncols()])?;
+    }
+    Ok(())
 }
 
 fn varying_noise() -> Error {
@@ -411,6 +427,14 @@ fn sampling(study: &Study, time: Time) -> Result<Option<f64>> {
             } else {
                 Err(Error::InvalidDt { dt })
             }
+        }
+        (Time::Discrete { dt: own }, Convention::Baram { dt }) if dt != own => {
+            Err(Error::Conflict {
+                problem: format!(
+                    "the plant is sampled every {own} s, the convention asks for {dt} s"
+                ),
+                remedy: "leave out the sampling interval of the convention".into(),
+            })
         }
         (Time::Discrete { .. }, Convention::Ito) => Err(Error::Conflict {
             problem: "convention \"ito\" is for continuous plants".into(),

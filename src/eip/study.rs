@@ -99,7 +99,14 @@ impl Study {
         let delays = self.delays.len().max(1);
         let pairs = plants as u128 * models as u128 * delays as u128;
         // upsilon and error, then winner, margin and bookkeeping of each plant
-        let bytes = pairs * 16 + plants as u128 * delays as u128 * 64;
+        let (order, model_order) = crate::eip::setup::check(self)?;
+        // and what the refinement copies, the table at the nominal values, and
+        // the blocks and lanes of a chunk on each thread
+        let chunk = (64 + 8 * 100) * (order as u128).pow(2) * 8 * 16;
+        let bytes = pairs * 32
+            + plants as u128 * delays as u128 * 64
+            + 16 * (models as u128).pow(2)
+            + chunk;
         if bytes > self.memory_limit {
             return Err(Error::Limit {
                 what: format!("a study of {plants} plants, {models} models and {delays} delays"),
@@ -108,7 +115,6 @@ impl Study {
                 key: "memory_limit",
             });
         }
-        let (order, model_order) = crate::eip::setup::check(self)?;
         let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));
         let per_plant = Method::flops_per_plant(method, order, model_order, models);
         let checked = match self.verify {

@@ -238,8 +238,14 @@ pub fn van_loan(
 /// the delay-free one (what an observer that does not know the delay uses).
 ///
 /// # Errors
-/// `InvalidDt`, `Range` for the delay.
+/// `InvalidDt`, `Range` for the delay, `Conflict` for a discrete plant.
 pub fn sample(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, DelayLine)> {
+    if !plant.time.is_continuous() {
+        return Err(Error::Conflict {
+            problem: "a discrete plant cannot be sampled again".into(),
+            remedy: "sample the continuous plant".into(),
+        });
+    }
     let nx = plant.nx();
     let w = &plant.G * &plant.Q * plant.G.transpose();
     let whole = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), dt)?;

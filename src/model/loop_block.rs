@@ -8,6 +8,8 @@ use crate::model::{Controller, Plant, Shaping, Time};
 
 /// Default order of the Pade approximation of an actuator delay.
 const PADE_ORDER: usize = 4;
+/// Largest order whose state space is well scaled.
+const MAX_PADE: usize = 10;
 
 /// What surrounds the plant of a study; the same for every parameter value.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -30,6 +32,13 @@ impl Surroundings {
     /// # Errors
     /// What the checks of [`Controller`] and [`Shaping`] return.
     pub fn check(&self, plant: &Plant) -> Result<()> {
+        if self.pade_order > MAX_PADE {
+            return Err(Error::Range {
+                what: "Pade order".into(),
+                value: self.pade_order as f64,
+                remedy: format!("give at most {MAX_PADE}: higher orders lose digits"),
+            });
+        }
         if let Some(k) = &self.controller {
             k.check(plant.nu(), plant.ny())?;
         }

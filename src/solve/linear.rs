@@ -212,7 +212,8 @@ fn one_sylvester(
 /// })?;
 /// let x = all.item(0)?;   // [w / (2 d w0^2), 0; 0, w / (2 d)] of an oscillator
 /// assert!((x[0] - 0.5).abs() < 1e-15 && x[1].abs() < 1e-15 && (x[3] - 2.0).abs() < 1e-15);
-/// assert!((all.items[0].margin - 0.2).abs() < 0.05);
+/// let margin = all.items[0].margin;   // a proved bound: both modes decay at 0.2
+/// assert!(margin > 0.0 && margin <= 0.2 * (1.0 + 1e-12));
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn lyapunov_continuous(problem: &Lyapunov<'_>) -> Result<Solutions> {

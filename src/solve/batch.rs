@@ -103,21 +103,51 @@ fn finish(report: &mut ItemReport, x: &mut [f64], cols: usize) {
     }
 }
 
+/// Makes a matrix for lanes that hold no item.
+pub(super) type Substitute = fn(usize, usize) -> f64;
+
 outlined! {
-    /// Copies entries of `field` for the items `at` (one a lane) to lanes. Lanes
-    /// of a bad item receive `substitute(row, col)`.
-    pub(super) fn gather(field: &'a Field<'a>, at: &'a [Option<usize>], substitute: fn(usize, usize) -> f64, out: &'a mut [T]) {
+    /// Copies entries of `field` for the items `at` (one a lane) to lanes,
+    /// symmetric ones as the mean across the diagonal. Lanes of a bad item
+    /// receive `substitute(row, col)`.
+    pub(super) fn gather(field: &'a Field<'a>, at: &'a [Option<usize>], substitute: Substitute, out: &'a mut [T]) {
         let (rows, cols) = field.shape();
-        for i in 0..rows {
-            for j in 0..cols {
-                out[i * cols + j] = T::from_fn(|lane| match at[lane] {
-                    Some(item) if field.symmetric() => {
-                        let x = field.item(item);
-                        mean(x[i * cols + j], x[j * cols + i])
-                    }
-                    Some(item) => field.item(item)[i * cols + j],
-                    None => substitute(i, j),
-                });
+        let stand_in: Vec<f64> =
+            (0..rows * cols).map(|e| substitute(e / cols, e % cols)).collect();
+        let mut items = [&stand_in[..]; LANES];
+        for (item, &at) in items.iter_mut().zip(at) {
+            if let Some(k) = at {
+                *item = field.item(k);
+            }
+        }
+        for (e, x) in out.iter_mut().enumerate() {
+            *x = T::from_fn(|lane| items[lane][e]);
+        }
+        if field.symmetric() {
+            for i in 0..rows {
+                for j in 0..i {
+                    let (x, y) = (out[i * cols + j], out[j * cols + i]);
+                    // Halves first: the sum may overflow. Equal entries are kept.
+                    let half = T::splat(0.5);
+                    let mean = T::select(x.eq(y), x, half * x + half * y);
+                    out[i * cols + j] = mean;
+                    out[j * cols + i] = mean;
+                }
+            }
+        }
+    }
+}
+
+outlined! {
+    /// Copies the matrices of the first lanes to consecutive items of `out`.
+    pub(super) fn scatter(x: &'a [T], out: &'a mut [f64]) {
+        let size = x.len();
+        let lanes = out.len() / size;
+        let mut buffer = [0.0; LANES];
+        for (e, v) in x.iter().enumerate() {
+            v.store(&mut buffer);
+            for lane in 0..lanes {
+                out[lane * size + e] = buffer[lane];
             }
         }
     }
@@ -133,11 +163,6 @@ pub(super) fn launch(
         Some(tier) => crate::simd::dispatch_on(tier, chunk).unwrap_or_default(),
         _ => dispatch(chunk),
     }
-}
-
-/// The mean of two numbers, exact where they are equal.
-fn mean(x: f64, y: f64) -> f64 {
-    if x == y { x } else { 0.5 * x + 0.5 * y }
 }
 
 /// Zero as a substitute.

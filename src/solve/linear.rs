@@ -6,7 +6,9 @@ use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier};
-use crate::solve::batch::{self, Equation, gather, half_unit, lanes_of, launch, minus_unit, zero};
+use crate::solve::batch::{
+    self, Equation, Substitute, gather, half_unit, lanes_of, launch, minus_unit, scatter, zero,
+};
 use crate::solve::kronecker;
 use crate::solve::lanes::{Kind, Linear};
 use crate::solve::problem::{Field, Lyapunov, Sylvester};
@@ -40,10 +42,10 @@ impl Kernel for Chunk<'_> {
         for start in (0..bad.len()).step_by(T::LANES) {
             batch.load(&lanes_of::<T>(first, start, bad), &mut block);
             block.solve();
-            for lane in 0..T::LANES.min(bad.len() - start) {
-                let size = block.x.len();
-                let out = &mut x[(start + lane) * size..][..size];
-                reports.push(batch.read(&block, lane, Method::Doubling, out));
+            let (lanes, size) = (T::LANES.min(bad.len() - start), block.x.len());
+            scatter(&block.x, &mut x[start * size..][..lanes * size]);
+            for lane in 0..lanes {
+                reports.push(batch.read(&block, lane, Method::Doubling));
             }
         }
         // Coefficients that are not stable, or nearly so.
@@ -54,9 +56,9 @@ impl Kernel for Chunk<'_> {
                     kronecker::inverse(batch.kind, batch.is_symmetric(), [batch.n, batch.m], a, b)
                 });
                 let size = block.x.len();
-                let out = &mut x[local * size..][..size];
+                scatter(&block.x, &mut x[local * size..][..size]);
                 let iterations = report.iterations;
-                *report = batch.read(&block, 0, Method::Fallback, out);
+                *report = batch.read(&block, 0, Method::Fallback);
                 report.iterations = iterations;
             }
         }
@@ -86,7 +88,7 @@ impl Batch<'_> {
     /// Copies the items `at` to lanes; bad items become a harmless equation.
     #[inline(always)]
     fn load<T: Real>(&self, at: &[Option<usize>], block: &mut Linear<T>) {
-        let stable: fn(usize, usize) -> f64 = match self.kind {
+        let stable: Substitute = match self.kind {
             Kind::Continuous => minus_unit,
             Kind::Discrete => half_unit,
         };
@@ -98,17 +100,9 @@ impl Batch<'_> {
         gather(&self.fields[last], at, zero, &mut block.c);
     }
 
-    /// Copies the solution of one lane to `x`.
-    fn read<T: Real>(
-        &self,
-        block: &Linear<T>,
-        lane: usize,
-        method: Method,
-        x: &mut [f64],
-    ) -> ItemReport {
-        for (o, v) in x.iter_mut().zip(&block.x) {
-            *o = v.lane(lane);
-        }
+    /// The report of one lane.
+    #[inline(always)]
+    fn read<T: Real>(&self, block: &Linear<T>, lane: usize, method: Method) -> ItemReport {
         let correction = block.correction.lane(lane);
         let status = if block.done.lane(lane) {
             Ok(())

@@ -6,7 +6,9 @@ use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier};
-use crate::solve::batch::{self, Equation, gather, lanes_of, launch, minus_unit, unit, zero};
+use crate::solve::batch::{
+    self, Equation, gather, lanes_of, launch, minus_unit, scatter, unit, zero,
+};
 use crate::solve::fallback::sign_start;
 use crate::solve::lanes::{Block, Coefficients, Data, Kind};
 use crate::solve::problem::{Field, Riccati};
@@ -41,17 +43,18 @@ impl Kernel for Chunk<'_> {
             let at = lanes_of::<T>(first, start, bad);
             batch.load(&at, &mut block.data);
             block.solve(batch.kind);
-            for lane in 0..T::LANES.min(bad.len() - start) {
-                let out = &mut x[(start + lane) * size..][..size];
-                reports.push(read(&block, lane, Method::Doubling, out));
+            let lanes = T::LANES.min(bad.len() - start);
+            scatter(&block.x, &mut x[start * size..][..lanes * size]);
+            for lane in 0..lanes {
+                reports.push(read(&block, lane, Method::Doubling));
             }
         }
         for (local, report) in reports.iter_mut().enumerate() {
             if report.status.is_err() && !bad[local] && !batch.is_hopeless(report) {
                 batch.load(&vec![Some(first + local); T::LANES], &mut block.data);
                 block.solve_from(batch.kind, |c| sign_start_in_lanes(batch.kind, batch.n, c));
-                let out = &mut x[local * size..][..size];
-                let second = read(&block, 0, Method::Fallback, out);
+                scatter(&block.x, &mut x[local * size..][..size]);
+                let second = read(&block, 0, Method::Fallback);
                 batch.take_over(report, second);
             }
         }
@@ -71,12 +74,10 @@ fn sign_start_in_lanes<T: Real>(
     Some((x.into_iter().map(T::splat).collect(), T::splat(f64::from(steps))))
 }
 
-/// Copies the solution of one lane to `x`; its status is an error if the lane
-/// failed, of which the caller finds the reason.
-fn read<T: Real>(block: &Block<T>, lane: usize, method: Method, x: &mut [f64]) -> ItemReport {
-    for (o, v) in x.iter_mut().zip(&block.x) {
-        *o = v.lane(lane);
-    }
+/// The report of one lane; its status is an error if the lane failed, of which
+/// the caller finds the reason.
+#[inline(always)]
+fn read<T: Real>(block: &Block<T>, lane: usize, method: Method) -> ItemReport {
     let iterations = block.steps.lane(lane) as u32;
     let residual = block.residual.lane(lane);
     let status = if block.done.lane(lane) {

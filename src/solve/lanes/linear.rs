@@ -103,7 +103,7 @@ impl<T: Real> Linear<T> {
         self.transform();
         self.x.fill(T::zero());
         self.correct(self.stable());
-        let margin = T::from_fn(|lane| self.margin_of(lane));
+        let margin = self.margin_of_coefficients();
         self.margin = T::select(self.stable(), margin, T::splat(f64::NAN));
         finish(self);
     }
@@ -152,10 +152,12 @@ impl<T: Real> Linear<T> {
         if self.symmetric { left } else { left & self.right_cayley.powers.stable }
     }
 
-    fn margin_of(&self, lane: usize) -> f64 {
+    /// The smaller margin of the two coefficients.
+    #[inline(always)]
+    fn margin_of_coefficients(&self) -> T {
         let of = |c: &Cayley<T>| match self.kind {
-            Kind::Continuous => c.margin(lane),
-            Kind::Discrete => c.powers.margin(lane),
+            Kind::Continuous => c.margin(),
+            Kind::Discrete => c.powers.margin(),
         };
         let left = of(&self.left_cayley);
         if self.symmetric { left } else { left.min(of(&self.right_cayley)) }
@@ -165,11 +167,10 @@ impl<T: Real> Linear<T> {
     #[inline(always)]
     fn correct(&mut self, wanted: T::Mask) {
         iterate(self, wanted, None);
-        let squarings = |c: &Cayley<T>, lane| f64::from(c.powers.squarings(lane));
-        let steps = T::from_fn(|lane| {
-            let left = squarings(&self.left_cayley, lane);
-            if self.symmetric { left } else { left + squarings(&self.right_cayley, lane) }
-        });
+        let mut steps = self.left_cayley.powers.squarings();
+        if !self.symmetric {
+            steps = steps + self.right_cayley.powers.squarings();
+        }
         self.steps = steps;
     }
 

@@ -9,7 +9,7 @@
 //!
 //! ```text
 //! let gamma = gamma_of(n, a, work, perm);          // or one constant for a whole family
-//! let mut ca = Cayley::new(n);  ca.set(a, gamma);   // inverse and powers; ca.powers.stable, ca.margin(lane)
+//! let mut ca = Cayley::new(n);  ca.set(a, gamma);   // inverse and powers; ca.powers.stable, ca.margin()
 //! lyapunov(&ca, x, work);                           // A X + X A' + Q = 0, x: Q -> X, work 2 n^2
 //! lyapunov_dual(&ca, x, work);                      // A' X + X A + Q = 0
 //! sylvester(&ca, &cb, x, work);                     // A X + X B + C = 0, x: C -> X, work n m

@@ -112,11 +112,11 @@ impl<T: Real> Newton<T> {
             self.correction = T::select(active, correction, self.correction);
             add_where(sound, x, &self.dx);
             let last = sound & correction.le(T::splat(LAST));
-            let margin = T::from_fn(|lane| match kind {
-                Kind::Continuous => self.cayley.margin(lane),
-                Kind::Discrete => self.cayley.powers.margin(lane),
-            });
-            let squarings = T::from_fn(|lane| f64::from(self.cayley.powers.squarings(lane)));
+            let margin = match kind {
+                Kind::Continuous => self.cayley.margin(),
+                Kind::Discrete => self.cayley.powers.margin(),
+            };
+            let squarings = self.cayley.powers.squarings();
             self.steps = T::select(active, self.steps + squarings, self.steps);
             self.margin = T::select(last, margin, self.margin);
             self.done = self.done | last;

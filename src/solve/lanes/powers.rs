@@ -2,7 +2,7 @@
 
 use super::ops::{norm, outlined, transpose};
 use super::smith::{lyapunov_dual, stein_dual};
-use crate::real::{Mask, Real};
+use crate::real::{Mask, Real, exp, ln};
 use crate::small::{
     Dyn, add_assign, cholesky, identity, inverse, lu_factor, mul, scale, sub_assign, sym_mul_add_tn,
 };
@@ -82,9 +82,10 @@ impl<T: Real> Powers<T> {
         self.norms[k].gt(T::splat(FLOOR_ROOT))
     }
 
-    /// Squarings made in lane `lane`.
-    pub(crate) fn squarings(&self, lane: usize) -> u32 {
-        self.squarings.lane(lane) as u32
+    /// Squarings made.
+    #[inline(always)]
+    pub(crate) fn squarings(&self) -> T {
+        self.squarings
     }
 
     /// Squares `f` (n by n) until it is small in every lane, and shows it stable
@@ -112,25 +113,37 @@ impl<T: Real> Powers<T> {
         self.stable = self.stable | new;
     }
 
-    /// The margin of a Lyapunov function in lane `lane`, where one was needed.
-    fn certified(&self, lane: usize) -> Option<f64> {
-        let margin = self.certified.lane(lane);
-        (margin > 0.0).then_some(margin)
-    }
-
-    /// Bound on the spectral radius of `F` in lane `lane`, as its logarithm
-    /// (negative where stable, NaN or positive otherwise).
-    pub(crate) fn log_radius(&self, lane: usize) -> f64 {
-        let bound = self.bound.lane(lane);
-        // Not `max`, which would drop a NaN.
-        let bound = if bound < f64::MIN_POSITIVE { f64::MIN_POSITIVE } else { bound };
-        libm::log(bound) / self.exponent.lane(lane)
+    /// `rho - 1` for the proved bound `rho` on the spectral radius of `F`:
+    /// negative where stable.
+    ///
+    /// ```text
+    /// rho = |F^N|^(1/N) = e^l,   e^l - 1 = l + l^2/2 + l^3/6 + ...  for small l
+    /// ```
+    #[inline(always)]
+    fn radius_less_one(&self) -> T {
+        // A power that is exactly zero has no logarithm.
+        let tiny = T::splat(f64::MIN_POSITIVE);
+        let bound = T::select(self.bound.lt(tiny), tiny, self.bound);
+        let l = ln(bound) / self.exponent;
+        let mut series = T::one();
+        for k in (2..=8).rev() {
+            series = (l * series).mul_add(T::splat(1.0 / f64::from(k)), T::one());
+        }
+        let near = l.abs().lt(T::splat(0.05));
+        T::select(near, l * series, exp(l) - T::one())
     }
 
     /// Verified margin in discrete time: every eigenvalue has modulus at most
     /// `1 - margin`. Not positive, or NaN, where stability was not shown.
-    pub(crate) fn margin(&self, lane: usize) -> f64 {
-        self.certified(lane).unwrap_or_else(|| -libm::expm1(self.log_radius(lane)))
+    #[inline(always)]
+    pub(crate) fn margin(&self) -> T {
+        self.or_certified(-self.radius_less_one())
+    }
+
+    /// The margin of a Lyapunov function where one was needed, `margin` elsewhere.
+    #[inline(always)]
+    fn or_certified(&self, margin: T) -> T {
+        T::select(self.certified.gt(T::zero()), self.certified, margin)
     }
 }
 
@@ -311,10 +324,11 @@ impl<T: Real> Cayley<T> {
     /// ```text
     /// |f| <= rho   =>   Re(gamma (f - 1)/(f + 1)) <= -gamma (1 - rho)/(1 + rho)
     /// ```
-    pub(crate) fn margin(&self, lane: usize) -> f64 {
-        let half = -0.5 * self.powers.log_radius(lane);
-        let margin = || self.gamma.lane(lane) * libm::tanh(half);
-        self.powers.certified(lane).unwrap_or_else(margin)
+    #[inline(always)]
+    pub(crate) fn margin(&self) -> T {
+        let less = self.powers.radius_less_one();
+        let margin = -self.gamma * less / (less + T::splat(2.0));
+        self.powers.or_certified(margin)
     }
 }
 

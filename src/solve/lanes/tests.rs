@@ -70,7 +70,7 @@ impl Kernel for Equations<'_> {
                     *o = v.lane(l);
                 }
                 let stable = |c: &Cayley<T>| f64::from(u8::from(c.powers.stable.lane(l)));
-                let margins = [stable(&ca), ca.margin(l), stable(&cb), cb.margin(l)];
+                let margins = [stable(&ca), ca.margin().lane(l), stable(&cb), cb.margin().lane(l)];
                 item[each - 4..].copy_from_slice(&margins);
             }
         }
@@ -138,16 +138,16 @@ fn margins_are_lower_bounds_and_tight_after_many_squarings() {
     let gamma = gamma_of(3, &a, &mut [0.0; 9], &mut [0.0; 3]);
     cayley.set(&a, gamma);
     assert!(cayley.powers.stable);
-    let margin = cayley.margin(0);
+    let margin = cayley.margin();
     assert!(margin > 0.006 && margin <= 0.01, "{margin}");
     let mut powers = Powers::<f64>::new(1);
     powers.set(&[-0.999]);
-    assert!(powers.stable && (powers.margin(0) - 0.001).abs() < 1e-12);
+    assert!(powers.stable && (powers.margin() - 0.001).abs() < 1e-12);
     for f in [1.0, -1.0, 1.5, f64::NAN, f64::INFINITY] {
         powers.set(&[f]);
-        let margin = powers.margin(0);
+        let margin = powers.margin();
         assert!(!powers.stable && (margin <= 0.0 || margin.is_nan()), "{f}");
     }
     powers.set(&[0.0]);
-    assert!(powers.stable && powers.margin(0) == 1.0 && powers.count() == 0);
+    assert!(powers.stable && powers.margin() == 1.0 && powers.count() == 0);
 }

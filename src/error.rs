@@ -165,6 +165,16 @@ pub enum Error {
         /// What is wrong with it.
         source: Box<Error>,
     },
+    /// Nothing is left to work with: every model, or every plant, failed.
+    #[error("none of the {count} {what} can be used; the first: {source}")]
+    AllFailed {
+        /// `models` or `plants`.
+        what: &'static str,
+        /// How many there are.
+        count: usize,
+        /// Why the first cannot be used.
+        source: Box<Error>,
+    },
     /// A family that cannot be evaluated at some parameter value.
     #[error("plant at {parameters}: {source}")]
     Plant {

@@ -94,7 +94,8 @@ fn code_of(error: &Error) -> u8 {
     match error {
         Error::Limit { .. } => LIMITS,
         Error::Model { source, .. } | Error::Plant { source, .. } => code_of(source),
-        Error::Undetectable { .. }
+        Error::AllFailed { .. }
+        | Error::Undetectable { .. }
         | Error::Unstabilizable { .. }
         | Error::NoStabilizingSolution { .. }
         | Error::NotStable { .. }

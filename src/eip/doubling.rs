@@ -80,8 +80,19 @@ impl Doubling {
     /// Energies `tr(W E[eps eps'])`, blocks by models; NaN for a block that is
     /// not stable. `blocks` have one size.
     pub(crate) fn energies(&self, blocks: &[LoopBlock]) -> Vec<f64> {
-        let mut out = vec![f64::NAN; blocks.len() * self.models.len()];
-        simd::dispatch(Energies { doubling: self, blocks, out: &mut out });
+        let models: Vec<&Constants> = self.models.iter().collect();
+        self.run(blocks, &models)
+    }
+
+    /// As [`Doubling::energies`] for some of the models, by their indices.
+    pub(crate) fn energies_of(&self, blocks: &[LoopBlock], models: &[usize]) -> Vec<f64> {
+        let models: Vec<&Constants> = models.iter().map(|&i| &self.models[i]).collect();
+        self.run(blocks, &models)
+    }
+
+    fn run(&self, blocks: &[LoopBlock], models: &[&Constants]) -> Vec<f64> {
+        let mut out = vec![f64::NAN; blocks.len() * models.len()];
+        simd::dispatch(Energies { doubling: self, models, blocks, out: &mut out });
         out
     }
 
@@ -139,6 +150,7 @@ pub(crate) fn dual(time: Time, f: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result
 
 struct Energies<'a> {
     doubling: &'a Doubling,
+    models: &'a [&'a Constants],
     blocks: &'a [LoopBlock],
     out: &'a mut [f64],
 }
@@ -149,16 +161,19 @@ impl Kernel for Energies<'_> {
     #[inline(always)]
     fn run<T: Real>(self) {
         let d = self.doubling;
-        let n_models = d.models.len();
+        let n_models = self.models.len();
         let Some(first) = self.blocks.first().filter(|_| n_models > 0) else { return };
-        let models: Vec<Splat<T>> = d.models.iter().map(Splat::new).collect();
+        let mut models: Vec<Splat<T>> = Vec::with_capacity(n_models);
+        for &k in self.models {
+            models.push(Splat::new(k));
+        }
         let mut plant = Plants::<T>::new(d.time, first);
-        let mut work = Work::new(first, d.models[0].n);
+        let mut work = Work::new(first, self.models[0].n);
         let groups = self.blocks.chunks(T::LANES).zip(self.out.chunks_mut(T::LANES * n_models));
         for (blocks, out) in groups {
             plant.solve(d, blocks);
             let stable = plant.factor.stable();
-            for (i, (model, k)) in models.iter().zip(&d.models).enumerate() {
+            for (i, (model, k)) in models.iter().zip(self.models).enumerate() {
                 let energy = pair(&plant, model, k, &mut work);
                 let energy = T::select(stable, energy, T::splat(f64::NAN));
                 for l in 0..blocks.len() {

@@ -1,6 +1,6 @@
 //! A run: the cases one after the other, each over the grid in chunks.
 
-use crate::eip::engine::{Engine, Outcome};
+use crate::eip::engine::{Engine, Flaw, Outcome};
 use crate::eip::setup::Setup;
 use crate::eip::study::Verify;
 use crate::eip::{Case, EipSets, Interval, Unstable, sets};
@@ -97,7 +97,7 @@ fn run_case(
             if plant % every != 0 {
                 continue;
             }
-            let (second, quadrature) = engine.frequency_row(&thetas[k])?;
+            let (second, quadrature) = engine.frequency_row(&thetas[k], &engine.designed)?;
             for i in (0..models).filter(|&i| !row[i].is_nan()) {
                 let difference = (row[i] - second[i]).abs();
                 chunk.error[k * models + i] = difference + quadrature[i];
@@ -128,15 +128,19 @@ fn run_case(
         case.checked_pairs += chunk.compared;
         for outcome in chunk.outcomes {
             let plant = case.winner.len();
-            let row = outcome.unwrap_or_else(|mode| {
-                case.unstable.push(Unstable {
-                    plant,
-                    values: grid.point(plant),
-                    mode: mode.eigenvalue,
-                    states: mode.states(Some(&engine.states)),
-                });
-                vec![f64::NAN; models]
-            });
+            let row = match outcome {
+                Ok(row) => row,
+                Err(Flaw::Unbuilt(e)) => return Err(e),
+                Err(Flaw::Unstable(mode)) => {
+                    case.unstable.push(Unstable {
+                        plant,
+                        values: grid.point(plant),
+                        mode: mode.eigenvalue,
+                        states: mode.states(Some(&engine.states)),
+                    });
+                    vec![f64::NAN; models]
+                }
+            };
             let winner = sets::winner(&row);
             case.margin.push(winner.map_or(f64::NAN, |w| sets::margin(&row, w, &duplicate_of)));
             case.winner.push(winner);
@@ -172,7 +176,8 @@ fn refine(
         if control.is_cancelled() {
             return Err(crate::Error::Cancelled);
         }
-        Ok(engine.accurate_row(&setup.theta_at(&[x]))?.ok())
+        let row = engine.accurate_rows(&[setup.theta_at(&[x])], &engine.designed)?;
+        Ok(row.into_iter().next().and_then(|row| row.ok()))
     };
     let span = values[values.len() - 1] - values[0];
     let breaks = sets::breaks(&values, &rows, span * BRACKET, evaluate)?;
@@ -184,8 +189,8 @@ fn refine(
         for (boundary, b) in case.boundaries.iter_mut().zip(between) {
             let (i, j) = (boundary.left, boundary.right);
             let theta = setup.theta_at(&[boundary.value]);
-            let (second, _) = engine.frequency_row(&theta)?;
-            if let Ok(row) = engine.accurate_row(&theta)? {
+            let (second, _) = engine.frequency_row(&theta, &[i.min(j), i.max(j)])?;
+            if let Ok(row) = &engine.accurate_rows(&[theta], &[i.min(j), i.max(j)])?[0] {
                 let difference = (row[i] - row[j]) - (second[i] - second[j]);
                 boundary.uncertainty += (difference / b.slope).abs();
             }

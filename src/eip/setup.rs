@@ -262,31 +262,35 @@ impl Setup {
 
     /// The plant at the parameter vector `theta` in its loop, and its
     /// measurement noise.
+    ///
+    /// # Errors
+    /// `Plant` for what concerns this plant alone, `Conflict` for a mistake in
+    /// the study; both name the parameter values.
     pub(crate) fn block(
         &self,
         theta: &[f64],
         delay: f64,
         form: DelayForm,
     ) -> Result<(LoopBlock, Mat<f64>)> {
-        self.block_of(theta, delay, form).map_err(|source| match source {
-            e @ Error::Conflict { .. } => e,
-            source => Error::Plant {
-                parameters: describe(
-                    &self.study.grid.axes().iter().map(|(n, _)| n.clone()).collect::<Vec<_>>(),
-                    &self.places.iter().map(|&p| theta[p]).collect::<Vec<_>>(),
-                ),
-                source: Box::new(source),
-            },
-        })
+        let parameters = || {
+            let names: Vec<String> =
+                self.study.grid.axes().iter().map(|(n, _)| n.clone()).collect();
+            let values: Vec<f64> = self.places.iter().map(|&p| theta[p]).collect();
+            describe(&names, &values)
+        };
+        let here = |source| Error::Plant { parameters: parameters(), source: Box::new(source) };
+        let plant = self.study.family.plant(theta).map_err(here)?;
+        self.fits(&plant).map_err(|e| match e {
+            Error::Conflict { problem, remedy } => {
+                Error::Conflict { problem: format!("plant at {}: {problem}", parameters()), remedy }
+            }
+            e => here(e),
+        })?;
+        self.closed(&plant, delay, form).map_err(here)
     }
 
-    fn block_of(
-        &self,
-        theta: &[f64],
-        delay: f64,
-        form: DelayForm,
-    ) -> Result<(LoopBlock, Mat<f64>)> {
-        let plant = self.study.family.plant(theta)?;
+    /// Checks a plant of the grid by itself and against the nominal one.
+    fn fits(&self, plant: &Plant) -> Result<()> {
         if plant.Q == self.nominal.Q && plant.R == self.nominal.R {
             plant.check_matrices()?;
         } else {
@@ -295,13 +299,18 @@ impl Setup {
                 return Err(varying_noise());
             }
         }
-        same_size(&plant, &self.nominal)?;
+        same_size(plant, &self.nominal)?;
         if plant.time != self.nominal.time {
             return Err(Error::Conflict {
                 problem: "the family mixes continuous and discrete plants".into(),
                 remedy: "give every plant the same time".into(),
             });
         }
+        Ok(())
+    }
+
+    /// The loop around a plant, and its measurement noise.
+    fn closed(&self, plant: &Plant, delay: f64, form: DelayForm) -> Result<(LoopBlock, Mat<f64>)> {
         let full = plant.with_disturbance(self.study.surroundings.disturbance.as_ref());
         let (controller, input) = (self.controller.as_ref(), self.input.as_ref());
         match self.sampled {

@@ -57,7 +57,9 @@ pub(super) fn split(error: &crate::Error) -> (String, String) {
 /// Matrix of the plant, row and column of an entry that is not finite.
 fn entry(error: &crate::Error) -> Option<(&str, usize, usize)> {
     match error {
-        crate::Error::Plant { source, .. } => entry(source),
+        crate::Error::Plant { source, .. } | crate::Error::AllFailed { source, .. } => {
+            entry(source)
+        }
         crate::Error::NonFinite { what, row, col } => Some((what, *row, *col)),
         _ => None,
     }
@@ -67,7 +69,7 @@ fn entry(error: &crate::Error) -> Option<(&str, usize, usize)> {
 fn responsible(error: &crate::Error) -> String {
     use crate::Error as E;
     match error {
-        E::Plant { source, .. } => responsible(source),
+        E::Plant { source, .. } | E::AllFailed { source, .. } => responsible(source),
         E::Model { .. } => "bank.models".into(),
         E::UnstablePlant { .. } | E::Quadrature { .. } => "eip.grid".into(),
         E::UnknownParameter { .. } => "eip.grid".into(),

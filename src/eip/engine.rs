@@ -214,7 +214,7 @@ impl<'a> Engine<'a> {
             let mode = least_stable_mode(block.A.as_ref(), continuous)?;
             let Eigenvalue { re, im } = mode.eigenvalue;
             let decay = if continuous { -re / re.hypot(im) } else { 1.0 - re.hypot(im) };
-            if !(decay > DECAYS) {
+            if decay.is_nan() || decay <= DECAYS {
                 return Ok(Err(Flaw::Unstable(mode)));
             }
         }

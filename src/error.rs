@@ -245,3 +245,34 @@ pub enum Error {
     #[error("cancelled: nothing was written")]
     Cancelled,
 }
+
+impl Error {
+    /// A short name of the cause for programs, stable across versions:
+    /// `not_detectable`, `no_convergence` and so on. Errors of a model or plant
+    /// have the code of their cause.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Error::Empty { .. } => "empty",
+            Error::Shape { .. } => "shape",
+            Error::NonFinite { .. } => "not_finite",
+            Error::NotSymmetric { .. } => "not_symmetric",
+            Error::NotPsd { .. } => "not_positive_semidefinite",
+            Error::NotPositiveDefinite { .. } => "not_positive_definite",
+            Error::Undetectable { .. } => "not_detectable",
+            Error::Unstabilizable { .. } => "not_stabilizable",
+            Error::NoStabilizingSolution { .. } => "no_stabilizing_solution",
+            Error::Singular { .. } => "singular",
+            Error::NotStable { .. } => "not_stable",
+            Error::NoUniqueSolution { .. } => "no_unique_solution",
+            Error::UnstablePlant { .. } => "unstable_plant",
+            Error::Model { source, .. } | Error::Plant { source, .. } => source.code(),
+            Error::UnknownParameter { .. } => "unknown_parameter",
+            Error::InvalidDt { .. } => "invalid_dt",
+            Error::Range { .. } => "range",
+            Error::Conflict { .. } => "conflict",
+            Error::Limit { .. } => "limit",
+            Error::Quadrature { .. } => "quadrature",
+            Error::Cancelled => "cancelled",
+        }
+    }
+}

@@ -8,13 +8,13 @@ const EXIT_CODES: &str = "\
 Exit codes:
   0    done (a partial result is told on the standard error)
   2    wrong usage
-  3    the scenario is wrong: file:line:column, key and remedy
-  4    numerical failure: no plant has a winner
+  3    the input file is wrong: file:line:column, key and remedy
+  4    numerical failure: no plant has a winner, no equation a solution
   6    a file cannot be read or written
   7    over a limit of size or memory; nothing was allocated
   130  interrupted (SIGINT), 143 terminated (SIGTERM): nothing was written";
 
-/// Multiple-model adaptive estimation: equivalently-identified-plant sets.
+/// Multiple-model adaptive estimation: EIP sets, and the equations under them.
 #[derive(Debug, Parser)]
 #[command(name = "mmae", version, after_help = EXIT_CODES, max_term_width = 80)]
 pub(super) struct Arguments {
@@ -30,6 +30,8 @@ pub(super) enum Command {
     Check(CheckArguments),
     /// Write a commented scenario to start from
     New(NewArguments),
+    /// Solve a file of Riccati and Lyapunov equations
+    Solve(SolveArguments),
 }
 
 #[derive(Debug, Args)]
@@ -80,6 +82,27 @@ pub(super) struct NewArguments {
     /// Replace FILE if it exists
     #[arg(long)]
     pub(super) force: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct SolveArguments {
+    /// The problems: {"cases": [{"id", "eq", "A", "B", "Q", "R", "S"}, ..]}, eq one of
+    /// care, dare, clyap, dlyap
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// Print JSON in place of the table
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Threads, 0 for one per CPU; results do not depend on it
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u16).range(0..=1024)
+    )]
+    pub(super) threads: u16,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -1,4 +1,4 @@
-//! The command `mmae`: `eip`, `check` and `new`.
+//! The command `mmae`: `eip`, `check`, `new` and `solve`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
@@ -13,6 +13,7 @@ mod new;
 mod output;
 mod progress;
 mod signals;
+mod solve;
 
 use std::process::ExitCode;
 
@@ -36,6 +37,7 @@ pub fn main() -> ExitCode {
         Command::Eip(args) => eip::run(args, &signals),
         Command::Check(args) => check::run(args),
         Command::New(args) => new::run(args),
+        Command::Solve(args) => solve::run(args, &signals),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -102,3 +102,25 @@ impl Table {
         }
     }
 }
+
+/// A table of plain columns: the first to the left and shortened to fit, the
+/// others to the right.
+pub(crate) fn grid<const N: usize>(
+    head: &[&str; N],
+    rows: impl Iterator<Item = [String; N]>,
+) -> String {
+    const FIRST: usize = 28;
+    let mut table = Table::default();
+    table.row(
+        head.iter().enumerate().map(|(k, h)| if k == 0 { left(h) } else { right(h) }).collect(),
+    );
+    for row in rows {
+        let cells = row.iter().enumerate();
+        table.row(
+            cells.map(|(k, c)| if k == 0 { left(&shorten(c, FIRST)) } else { right(c) }).collect(),
+        );
+    }
+    let mut out = String::new();
+    table.print(&mut out);
+    out
+}

@@ -4,7 +4,7 @@
 //! where, how sure that is, and what could not be computed. The file formats
 //! are described in the guide, page "results".
 
-mod layout;
+pub(crate) mod layout;
 mod number;
 
 pub mod figure;

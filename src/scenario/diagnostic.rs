@@ -64,7 +64,7 @@ pub enum Error {
     },
     /// The file is larger than a scenario may be; it was not read.
     #[error(
-        "{}: {bytes} bytes, over the limit of {limit} for a scenario: generate large matrices in code through the library instead",
+        "{}: {bytes} bytes, over the limit of {limit}: pass matrices of this size through the library instead",
         path.display()
     )]
     TooLarge {

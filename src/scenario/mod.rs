@@ -28,7 +28,7 @@ mod places;
 mod plant;
 mod reader;
 mod settings;
-mod source;
+pub(crate) mod source;
 mod suggest;
 mod surroundings;
 mod table;
@@ -80,7 +80,7 @@ impl Scenario {
     /// 8 MiB (nothing is read then), and those of [`Scenario::parse`].
     pub fn from_file(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
-        let bytes = source::read(path)?;
+        let bytes = source::read(path, source::LIMIT)?;
         Self::from_bytes(&path.display().to_string(), &bytes)
     }
 

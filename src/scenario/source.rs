@@ -13,28 +13,32 @@ const DEPTH: usize = 32;
 /// Most parts of a dotted key or table header.
 const PARTS: usize = 16;
 
-/// Reads the file at `path`, which must be a regular file of at most [`LIMIT`]
+/// Reads the file at `path`, which must be a regular file of at most `limit`
 /// bytes; anything else is refused before a byte is read.
-pub(super) fn read(path: &Path) -> Result<Vec<u8>, Error> {
+pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, Error> {
     let fail = |source: io::Error| Error::Read { path: path.into(), source };
     let meta = std::fs::metadata(path).map_err(fail)?;
     if meta.is_dir() {
-        let message = "is a directory: name the scenario file in it";
+        let message = "is a directory: name the file in it";
         return Err(fail(io::Error::new(io::ErrorKind::IsADirectory, message)));
     }
     if !meta.is_file() {
         // a FIFO would block and /dev/zero never ends
-        let message = "is not a regular file: write the scenario to a file first";
+        let message = "is not a regular file: write its text to one first";
         return Err(fail(io::Error::new(io::ErrorKind::InvalidInput, message)));
     }
-    let too_large = |bytes| Error::TooLarge { path: path.into(), bytes, limit: LIMIT };
-    if meta.len() > LIMIT {
+    let too_large = |bytes| Error::TooLarge { path: path.into(), bytes, limit };
+    if meta.len() > limit {
         return Err(too_large(meta.len()));
     }
     let mut bytes = Vec::new();
     // the file may grow between the two calls, so the read is bounded as well
-    File::open(path).map_err(fail)?.take(LIMIT + 1).read_to_end(&mut bytes).map_err(fail)?;
-    if bytes.len() as u64 > LIMIT {
+    File::open(path)
+        .map_err(fail)?
+        .take(limit.saturating_add(1))
+        .read_to_end(&mut bytes)
+        .map_err(fail)?;
+    if bytes.len() as u64 > limit {
         return Err(too_large(bytes.len() as u64));
     }
     Ok(bytes)

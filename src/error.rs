@@ -265,6 +265,7 @@ impl Error {
             Error::NotStable { .. } => "not_stable",
             Error::NoUniqueSolution { .. } => "no_unique_solution",
             Error::UnstablePlant { .. } => "unstable_plant",
+            Error::AllFailed { .. } => "all_failed",
             Error::Model { source, .. } | Error::Plant { source, .. } => source.code(),
             Error::UnknownParameter { .. } => "unknown_parameter",
             Error::InvalidDt { .. } => "invalid_dt",

@@ -26,9 +26,10 @@
 
 use faer::{Mat, MatRef};
 
+use crate::eip::batch::{LoopBatch, Matrices, Shape};
 use crate::eip::setup::PairModel;
 use crate::error::{Error, Result};
-use crate::model::{LoopBlock, Time};
+use crate::model::Time;
 use crate::real::{Mask, Real};
 use crate::simd::{self, Kernel};
 use crate::small::{Dyn, dot, mul, mul_add_nt, mul_add_tn, mul_nt, mul_sub, sym_mul_nt};
@@ -77,29 +78,23 @@ impl Doubling {
         Self { time, gamma, models }
     }
 
-    /// Energies `tr(W E[eps eps'])`, blocks by models; NaN for a block that is
-    /// not stable. `blocks` have one size.
-    pub(crate) fn energies(&self, blocks: &[LoopBlock]) -> Vec<f64> {
-        let models: Vec<&Constants> = self.models.iter().collect();
-        self.run(blocks, &models)
+    /// Energies `tr(W E[eps eps'])` into `out`, blocks by models; NaN for a block
+    /// that was not shown to be stable. `models` are indices, `None` means all.
+    pub(crate) fn energies(&self, batch: &LoopBatch, models: Option<&[usize]>, out: &mut Vec<f64>) {
+        let models: Vec<&Constants> = match models {
+            None => self.models.iter().collect(),
+            Some(some) => some.iter().map(|&i| &self.models[i]).collect(),
+        };
+        out.clear();
+        out.resize(batch.len() * models.len(), f64::NAN);
+        simd::dispatch(Energies { doubling: self, models: &models, batch, out });
     }
 
-    /// As [`Doubling::energies`] for some of the models, by their indices.
-    pub(crate) fn energies_of(&self, blocks: &[LoopBlock], models: &[usize]) -> Vec<f64> {
-        let models: Vec<&Constants> = models.iter().map(|&i| &self.models[i]).collect();
-        self.run(blocks, &models)
-    }
-
-    fn run(&self, blocks: &[LoopBlock], models: &[&Constants]) -> Vec<f64> {
-        let mut out = vec![f64::NAN; blocks.len() * models.len()];
-        simd::dispatch(Energies { doubling: self, models, blocks, out: &mut out });
-        out
-    }
-
-    /// Gramian `X` of each block; `None` for a block that is not stable.
-    pub(crate) fn gramians(&self, blocks: &[LoopBlock]) -> Vec<Option<Mat<f64>>> {
-        let mut out = Vec::with_capacity(blocks.len());
-        simd::dispatch(Gramians { doubling: self, blocks, out: &mut out });
+    /// Gramian `X` of each block; `None` for a block that was not shown to be
+    /// stable.
+    pub(crate) fn gramians(&self, batch: &LoopBatch) -> Vec<Option<Mat<f64>>> {
+        let mut out = Vec::with_capacity(batch.len());
+        simd::dispatch(Gramians { doubling: self, batch, out: &mut out });
         out
     }
 }
@@ -151,7 +146,7 @@ pub(crate) fn dual(time: Time, f: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result
 struct Energies<'a> {
     doubling: &'a Doubling,
     models: &'a [&'a Constants],
-    blocks: &'a [LoopBlock],
+    batch: &'a LoopBatch,
     out: &'a mut [f64],
 }
 
@@ -160,24 +155,25 @@ impl Kernel for Energies<'_> {
 
     #[inline(always)]
     fn run<T: Real>(self) {
-        let d = self.doubling;
+        let (d, batch) = (self.doubling, self.batch);
         let n_models = self.models.len();
-        let Some(first) = self.blocks.first().filter(|_| n_models > 0) else { return };
+        let Some(first) = self.models.first() else { return };
         let mut models: Vec<Splat<T>> = Vec::with_capacity(n_models);
         for &k in self.models {
             models.push(Splat::new(k));
         }
-        let mut plant = Plants::<T>::new(d.time, first);
-        let mut work = Work::new(first, self.models[0].n);
-        let groups = self.blocks.chunks(T::LANES).zip(self.out.chunks_mut(T::LANES * n_models));
-        for (blocks, out) in groups {
-            plant.solve(d, blocks);
-            let stable = plant.factor.stable();
+        let mut plants = Plants::<T>::new(d.time, batch.shape);
+        let mut work = Work::new(batch.shape, first.n);
+        let mut copy = Vec::new();
+        for (g, out) in self.out.chunks_mut(T::LANES * n_models).enumerate() {
+            let block = batch.group(g, &mut copy);
+            plants.solve(d, &block);
+            let stable = plants.factor.stable();
             for (i, (model, k)) in models.iter().zip(self.models).enumerate() {
-                let energy = pair(&plant, model, k, &mut work);
+                let energy = pair(&block, &plants, model, k, &mut work);
                 let energy = T::select(stable, energy, T::splat(f64::NAN));
-                for l in 0..blocks.len() {
-                    out[l * n_models + i] = energy.lane(l);
+                for (l, row) in out.chunks_exact_mut(n_models).enumerate() {
+                    row[i] = energy.lane(l);
                 }
             }
         }
@@ -186,7 +182,7 @@ impl Kernel for Energies<'_> {
 
 struct Gramians<'a> {
     doubling: &'a Doubling,
-    blocks: &'a [LoopBlock],
+    batch: &'a LoopBatch,
     out: &'a mut Vec<Option<Mat<f64>>>,
 }
 
@@ -195,13 +191,15 @@ impl Kernel for Gramians<'_> {
 
     #[inline(always)]
     fn run<T: Real>(self) {
-        let Some(first) = self.blocks.first() else { return };
-        let mut plant = Plants::<T>::new(self.doubling.time, first);
-        for blocks in self.blocks.chunks(T::LANES) {
-            plant.solve(self.doubling, blocks);
-            let (np, stable) = (plant.np, plant.factor.stable());
-            for l in 0..blocks.len() {
-                let x = Mat::from_fn(np, np, |i, j| plant.x[i * np + j].lane(l));
+        let batch = self.batch;
+        let np = batch.shape.np;
+        let mut plants = Plants::<T>::new(self.doubling.time, batch.shape);
+        let mut copy = Vec::new();
+        for g in 0..batch.groups::<T>() {
+            plants.solve(self.doubling, &batch.group(g, &mut copy));
+            let stable = plants.factor.stable();
+            for l in 0..T::LANES.min(batch.len() - g * T::LANES) {
+                let x = Mat::from_fn(np, np, |i, j| plants.x[i * np + j].lane(l));
                 self.out.push(stable.lane(l).then_some(x));
             }
         }
@@ -274,53 +272,19 @@ impl<T: Real> Splat<T> {
     }
 }
 
-/// A lane of plants in their loops, and what is computed once per plant.
+/// What is computed once per plant, for a lane of plants in their loops.
 struct Plants<T: Real> {
-    np: usize,
-    nw: usize,
-    ny: usize,
-    a: Vec<T>,
-    b: Vec<T>,
-    cy: Vec<T>,
-    dy: Vec<T>,
-    cu: Vec<T>,
-    du: Vec<T>,
+    shape: Shape,
     x: Vec<T>,
     factor: Factor<T>,
     work: Vec<T>,
 }
 
-/// Transposes one matrix of each block into lanes; missing lanes repeat the
-/// last block.
-#[inline(always)]
-fn pack<T: Real>(out: &mut Vec<T>, blocks: &[LoopBlock], of: impl Fn(&LoopBlock) -> &Mat<f64>) {
-    let (rows, cols) = (of(&blocks[0]).nrows(), of(&blocks[0]).ncols());
-    out.clear();
-    for i in 0..rows {
-        for j in 0..cols {
-            let mut lane = [0.0; simd::LANES];
-            for (l, value) in lane.iter_mut().enumerate().take(T::LANES) {
-                *value = of(&blocks[l.min(blocks.len() - 1)])[(i, j)];
-            }
-            out.push(T::load(&lane));
-        }
-    }
-}
-
 impl<T: Real> Plants<T> {
-    fn new(time: Time, first: &LoopBlock) -> Self {
-        let np = first.np();
-        let (a, b, cy, dy, cu, du) = Default::default();
+    fn new(time: Time, shape: Shape) -> Self {
+        let np = shape.np;
         Self {
-            np,
-            nw: first.nw(),
-            ny: first.Cy.nrows(),
-            a,
-            b,
-            cy,
-            dy,
-            cu,
-            du,
+            shape,
             x: vec![T::zero(); np * np],
             factor: Factor::new(time, np),
             work: vec![T::zero(); 2 * np * np],
@@ -328,15 +292,10 @@ impl<T: Real> Plants<T> {
     }
 
     #[inline(always)]
-    fn solve(&mut self, d: &Doubling, blocks: &[LoopBlock]) {
-        pack(&mut self.a, blocks, |b| &b.A);
-        pack(&mut self.b, blocks, |b| &b.B);
-        pack(&mut self.cy, blocks, |b| &b.Cy);
-        pack(&mut self.dy, blocks, |b| &b.Dy);
-        pack(&mut self.cu, blocks, |b| &b.Cu);
-        pack(&mut self.du, blocks, |b| &b.Du);
-        self.factor.set(&self.a, d.gamma);
-        sym_mul_nt(Dyn(self.np), Dyn(self.nw), &self.b, &self.b, &mut self.x);
+    fn solve(&mut self, d: &Doubling, block: &Matrices<'_, T>) {
+        let Shape { np, nw, .. } = self.shape;
+        self.factor.set(block.a, d.gamma);
+        sym_mul_nt(Dyn(np), Dyn(nw), block.b, block.b, &mut self.x);
         match &self.factor {
             Factor::Continuous(c) => lyapunov(c, &mut self.x, &mut self.work),
             Factor::Discrete(p) => stein(p, &mut self.x, &mut self.work),
@@ -361,8 +320,8 @@ struct Work<T> {
 }
 
 impl<T: Real> Work<T> {
-    fn new(first: &LoopBlock, n: usize) -> Self {
-        let (np, nw, ny) = (first.np(), first.nw(), first.Cy.nrows());
+    fn new(shape: Shape, n: usize) -> Self {
+        let Shape { np, nw, ny, .. } = shape;
         let room = |len: usize| vec![T::zero(); len];
         Self {
             dd: room(ny * np),
@@ -381,22 +340,29 @@ impl<T: Real> Work<T> {
 
 /// Energy of one model against the plants of the lane.
 #[inline(always)]
-fn pair<T: Real>(p: &Plants<T>, model: &Splat<T>, k: &Constants, w: &mut Work<T>) -> T {
+fn pair<T: Real>(
+    block: &Matrices<'_, T>,
+    p: &Plants<T>,
+    model: &Splat<T>,
+    k: &Constants,
+    w: &mut Work<T>,
+) -> T {
+    let shape = p.shape;
     let (n, nu) = (Dyn(k.n), Dyn(k.nu));
-    let (np, nw, ny) = (Dyn(p.np), Dyn(p.nw), Dyn(p.ny));
+    let (np, nw, ny) = (Dyn(shape.np), Dyn(shape.nw), Dyn(shape.ny));
     let Work { dd, nn, mm, xn, s, half, zn, weight, own, outputs } = w;
     // D = C_y - C_i E
-    dd.copy_from_slice(&p.cy);
-    sub_leading(dd, p.np, &model.c, k.n);
+    dd.copy_from_slice(block.cy);
+    sub_leading(dd, shape.np, &model.c, k.n);
     // N = E A - A_i E - B_i C_u - H D
-    nn.copy_from_slice(&p.a[..k.n * p.np]);
-    sub_leading(nn, p.np, &model.a, k.n);
-    mul_sub(n, nu, np, &model.b, &p.cu, nn);
+    nn.copy_from_slice(&block.a[..k.n * shape.np]);
+    sub_leading(nn, shape.np, &model.a, k.n);
+    mul_sub(n, nu, np, &model.b, block.cu, nn);
     mul_sub(n, ny, np, &model.h, dd, nn);
     // M = E B - H D_y - B_i D_u
-    mm.copy_from_slice(&p.b[..k.n * p.nw]);
-    mul_sub(n, ny, nw, &model.h, &p.dy, mm);
-    mul_sub(n, nu, nw, &model.b, &p.du, mm);
+    mm.copy_from_slice(&block.b[..k.n * shape.nw]);
+    mul_sub(n, ny, nw, &model.h, block.dy, mm);
+    mul_sub(n, nu, nw, &model.b, block.du, mm);
 
     // tr(Z M M'), the weight of the coupling, and the coupling S
     sym_mul_nt(n, nw, mm, mm, own);
@@ -409,13 +375,13 @@ fn pair<T: Real>(p: &Plants<T>, model: &Splat<T>, k: &Constants, w: &mut Work<T>
                 *w = *w + z;
             }
             s.copy_from_slice(xn);
-            mul_add_nt(np, nw, n, &p.b, mm, s);
+            mul_add_nt(np, nw, n, block.b, mm, s);
             sylvester_nt(a, f, s, half);
         }
         (Factor::Discrete(a), Factor::Discrete(f)) => {
             mul_add_tn(n, n, np, &model.f, zn, weight);
-            mul(np, np, n, &p.a, xn, s);
-            mul_add_nt(np, nw, n, &p.b, mm, s);
+            mul(np, np, n, block.a, xn, s);
+            mul_add_nt(np, nw, n, block.b, mm, s);
             stein_pair_nt(a, f, s, half);
             // N X N' joins M M'
             mul(n, np, n, nn, xn, half_square(zn, k.n));
@@ -427,15 +393,15 @@ fn pair<T: Real>(p: &Plants<T>, model: &Splat<T>, k: &Constants, w: &mut Work<T>
     }
     let mut energy = dot(&model.z, own);
     // tr(W D X D')
-    let dx = &mut half[..p.ny * p.np];
+    let dx = &mut half[..shape.ny * shape.np];
     mul(ny, np, np, dd, &p.x, dx);
     sym_mul_nt(ny, np, dx, dd, outputs);
     energy = energy + dot(&model.w, outputs);
     // 2 tr(weight S)
     let mut coupling = T::zero();
     for i in 0..k.n {
-        for j in 0..p.np {
-            coupling = weight[i * p.np + j].mul_add(s[j * k.n + i], coupling);
+        for j in 0..shape.np {
+            coupling = weight[i * shape.np + j].mul_add(s[j * k.n + i], coupling);
         }
     }
     coupling.mul_add(T::splat(2.0), energy)

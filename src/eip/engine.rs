@@ -1,8 +1,12 @@
 //! Upsilon of given plants against all models, for one actuator delay.
 
+use std::sync::{Mutex, PoisonError};
+
 use faer::Mat;
 
 use crate::eip::Method;
+use crate::eip::assembly::Assembly;
+use crate::eip::batch::LoopBatch;
 use crate::eip::doubling::Doubling;
 use crate::eip::frequency;
 use crate::eip::modal::Modal;
@@ -45,6 +49,24 @@ pub(crate) struct Engine<'a> {
     pub(crate) states: Vec<String>,
     /// Indices of the models that could be designed.
     pub(crate) designed: Vec<usize>,
+    /// Buffers waiting for the next call.
+    works: Mutex<Vec<Work>>,
+}
+
+/// Buffers of [`Engine::rows`]; what they held before leaves no trace.
+struct Work {
+    assembly: Assembly,
+    batch: LoopBatch,
+    /// The measurement noise of each plant where it is not the nominal one.
+    built: Vec<Result<Option<Mat<f64>>>>,
+    energies: Vec<f64>,
+}
+
+impl Work {
+    fn new() -> Self {
+        let (built, energies) = Default::default();
+        Self { assembly: Assembly::new(), batch: LoopBatch::new(), built, energies }
+    }
 }
 
 impl<'a> Engine<'a> {
@@ -104,7 +126,8 @@ impl<'a> Engine<'a> {
         let plant_states = &setup.study.family.names().states;
         let states = block_states(plant_states, &setup.study.surroundings, order);
         let designed = (0..setup.pairs.len()).filter(|&i| setup.pairs[i].is_some()).collect();
-        Ok(Self { setup, delay, gamma, doubling, modal, method, states, designed })
+        let works = Mutex::new(Vec::new());
+        Ok(Self { setup, delay, gamma, doubling, modal, method, states, designed, works })
     }
 
     /// Upsilon of every model at parameter vectors `thetas`.
@@ -112,9 +135,12 @@ impl<'a> Engine<'a> {
     /// # Errors
     /// A mistake in the study; a plant that cannot be built is an outcome.
     pub(crate) fn rows(&self, thetas: &[Vec<f64>]) -> Result<Vec<Outcome>> {
-        self.outcomes(thetas, &self.designed, |blocks| match &self.modal {
-            Some(modal) => self.modal_energies(modal, blocks),
-            None => Ok(self.doubling.energies(blocks)),
+        self.outcomes(thetas, &self.designed, |batch, energies| match &self.modal {
+            Some(modal) => self.modal_energies(modal, batch, energies),
+            None => {
+                self.doubling.energies(batch, None, energies);
+                Ok(())
+            }
         })
     }
 
@@ -131,7 +157,10 @@ impl<'a> Engine<'a> {
         models: &[usize],
     ) -> Result<Vec<Outcome>> {
         let (designed, places) = self.places(models);
-        self.outcomes(thetas, &designed, |blocks| Ok(self.doubling.energies_of(blocks, &places)))
+        self.outcomes(thetas, &designed, |batch, energies| {
+            self.doubling.energies(batch, Some(&places), energies);
+            Ok(())
+        })
     }
 
     /// Those of `models` that could be designed, and their places among all
@@ -146,30 +175,47 @@ impl<'a> Engine<'a> {
         &self,
         thetas: &[Vec<f64>],
         designed: &[usize],
-        energies: impl FnOnce(&[LoopBlock]) -> Result<Vec<f64>>,
+        energies: impl FnOnce(&LoopBatch, &mut Vec<f64>) -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let mut blocks = Vec::with_capacity(thetas.len());
-        let mut built = Vec::with_capacity(thetas.len());
+        let spare = self.works.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut work = spare.unwrap_or_else(Work::new);
+        let out = self.outcomes_in(&mut work, thetas, designed, energies);
+        self.works.lock().unwrap_or_else(PoisonError::into_inner).push(work);
+        out
+    }
+
+    fn outcomes_in(
+        &self,
+        work: &mut Work,
+        thetas: &[Vec<f64>],
+        designed: &[usize],
+        fill: impl FnOnce(&LoopBatch, &mut Vec<f64>) -> Result<()>,
+    ) -> Result<Vec<Outcome>> {
+        let Work { assembly, batch, built, energies } = work;
+        let form = self.setup.delay_states();
+        let nominal = &self.setup.nominal.R;
+        batch.clear();
+        built.clear();
         for theta in thetas {
-            match self.setup.block(theta, self.delay, self.setup.delay_states()) {
+            match self.setup.assemble(assembly, theta, self.delay, form) {
                 Ok((block, r)) => {
-                    blocks.push(block);
-                    built.push(Ok(r));
+                    batch.push(block);
+                    built.push(Ok((r != nominal).then(|| r.clone())));
                 }
                 Err(e @ Error::Plant { .. }) => built.push(Err(e)),
                 Err(e) => return Err(e),
             }
         }
-        let energies = energies(&blocks)?;
+        fill(batch, energies)?;
         let mut next = 0;
         let mut all = Vec::with_capacity(thetas.len());
-        for r in built {
+        for r in built.drain(..) {
             all.push(match r {
                 Err(e) => Err(Flaw::Unbuilt(e)),
                 Ok(r) => {
                     let row = &energies[next * designed.len()..(next + 1) * designed.len()];
                     next += 1;
-                    self.outcome(&blocks[next - 1], designed, row, &r)?
+                    self.outcome(batch, next - 1, designed, row, r.as_ref().unwrap_or(nominal))?
                 }
             });
         }
@@ -178,38 +224,51 @@ impl<'a> Engine<'a> {
 
     /// Energies by the separable form; plants whose eigenvectors are
     /// ill-conditioned by doubling.
-    fn modal_energies(&self, modal: &Modal, blocks: &[LoopBlock]) -> Result<Vec<f64>> {
+    fn modal_energies(
+        &self,
+        modal: &Modal,
+        batch: &LoopBatch,
+        energies: &mut Vec<f64>,
+    ) -> Result<()> {
         let models = modal.len();
-        let mut energies = vec![f64::NAN; blocks.len() * models];
-        let mut again = Vec::new();
-        for (k, x) in self.doubling.gramians(blocks).into_iter().enumerate() {
+        energies.clear();
+        energies.resize(batch.len() * models, f64::NAN);
+        let mut again = LoopBatch::new();
+        let mut places = Vec::new();
+        for (k, x) in self.doubling.gramians(batch).into_iter().enumerate() {
             let Some(x) = x else { continue };
-            let row = &mut energies[k * models..(k + 1) * models];
-            match modal.energies(&blocks[k], x.as_ref())? {
-                Some(found) => row.copy_from_slice(&found),
-                None => again.push(k),
+            let block = batch.block(k);
+            match modal.energies(&block, x.as_ref())? {
+                Some(found) => energies[k * models..(k + 1) * models].copy_from_slice(&found),
+                None => {
+                    again.push(&block);
+                    places.push(k);
+                }
             }
         }
-        if !again.is_empty() {
-            let hard: Vec<LoopBlock> = again.iter().map(|&k| blocks[k].clone()).collect();
-            let found = self.doubling.energies(&hard);
-            for (found, &k) in found.chunks(models).zip(&again) {
+        if !places.is_empty() {
+            let mut found = Vec::new();
+            self.doubling.energies(&again, None, &mut found);
+            for (found, &k) in found.chunks(models).zip(&places) {
                 energies[k * models..(k + 1) * models].copy_from_slice(found);
             }
         }
-        Ok(energies)
+        Ok(())
     }
 
-    /// An unstable loop has no energy with any model. A loop that the doubling
-    /// could not show to be stable, but whose modes clearly decay, has NaN.
+    /// Upsilon of block `k` of a batch. An unstable loop has no energy with any
+    /// model. A loop that the doubling could not show to be stable, but whose
+    /// modes clearly decay, has NaN.
     fn outcome(
         &self,
-        block: &LoopBlock,
+        batch: &LoopBatch,
+        k: usize,
         designed: &[usize],
         energies: &[f64],
         r: &Mat<f64>,
     ) -> Result<Outcome> {
         if energies.iter().all(|e| e.is_nan()) {
+            let block = batch.block(k);
             let continuous = block.time.is_continuous();
             let mode = least_stable_mode(block.A.as_ref(), continuous)?;
             let Eigenvalue { re, im } = mode.eigenvalue;

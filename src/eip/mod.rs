@@ -1,6 +1,8 @@
 //! Sets of equivalently identified plants (EIP): which model of a bank each
 //! plant of a parameter grid would be identified as.
 
+mod assembly;
+mod batch;
 mod cost;
 mod doubling;
 mod engine;

@@ -3,6 +3,7 @@
 
 use faer::Mat;
 
+use crate::eip::assembly::Assembly;
 use crate::eip::doubling;
 use crate::eip::study::Study;
 use crate::eip::{Convention, EipSets, Model, run};
@@ -53,14 +54,14 @@ pub struct Setup {
     /// Time of the blocks: discrete for a sampled convention.
     pub(crate) time: Time,
     /// Sampling interval where a continuous plant is sampled.
-    sampled: Option<f64>,
-    controller: Option<Controller>,
-    input: Option<Shaping>,
+    pub(crate) sampled: Option<f64>,
+    pub(crate) controller: Option<Controller>,
+    pub(crate) input: Option<Shaping>,
     /// Nominal parameter vector and, for each grid axis, its place in it.
     theta: Vec<f64>,
-    places: Vec<usize>,
+    pub(crate) places: Vec<usize>,
     /// Noise that passed the full check already.
-    nominal: Plant,
+    pub(crate) nominal: Plant,
 }
 
 impl Setup {
@@ -260,66 +261,16 @@ impl Setup {
         self.study.family.theta_with(&named).ok()
     }
 
-    /// The plant at the parameter vector `theta` in its loop, and its
-    /// measurement noise.
-    ///
-    /// # Errors
-    /// `Plant` for what concerns this plant alone, `Conflict` for a mistake in
-    /// the study; both name the parameter values.
+    /// As [`Setup::assemble`], in memory of its own.
     pub(crate) fn block(
         &self,
         theta: &[f64],
         delay: f64,
         form: DelayForm,
     ) -> Result<(LoopBlock, Mat<f64>)> {
-        let parameters = || {
-            let names: Vec<String> =
-                self.study.grid.axes().iter().map(|(n, _)| n.clone()).collect();
-            let values: Vec<f64> = self.places.iter().map(|&p| theta[p]).collect();
-            describe(&names, &values)
-        };
-        let here = |source| Error::Plant { parameters: parameters(), source: Box::new(source) };
-        let plant = self.study.family.plant(theta).map_err(here)?;
-        self.fits(&plant).map_err(|e| match e {
-            Error::Conflict { problem, remedy } => {
-                Error::Conflict { problem: format!("plant at {}: {problem}", parameters()), remedy }
-            }
-            e => here(e),
-        })?;
-        self.closed(&plant, delay, form).map_err(here)
-    }
-
-    /// Checks a plant of the grid by itself and against the nominal one.
-    fn fits(&self, plant: &Plant) -> Result<()> {
-        if plant.Q == self.nominal.Q && plant.R == self.nominal.R {
-            plant.check_matrices()?;
-        } else {
-            plant.check()?;
-            if self.study.convention == Convention::Ito && plant.R != self.nominal.R {
-                return Err(varying_noise());
-            }
-        }
-        same_size(plant, &self.nominal)?;
-        if plant.time != self.nominal.time {
-            return Err(Error::Conflict {
-                problem: "the family mixes continuous and discrete plants".into(),
-                remedy: "give every plant the same time".into(),
-            });
-        }
-        Ok(())
-    }
-
-    /// The loop around a plant, and its measurement noise.
-    fn closed(&self, plant: &Plant, delay: f64, form: DelayForm) -> Result<(LoopBlock, Mat<f64>)> {
-        let full = plant.with_disturbance(self.study.surroundings.disturbance.as_ref());
-        let (controller, input) = (self.controller.as_ref(), self.input.as_ref());
-        match self.sampled {
-            None => Ok((LoopBlock::new(&full, controller, input, delay, form)?, full.R)),
-            Some(dt) => {
-                let (full, line) = sample(&full, dt, delay)?;
-                Ok((LoopBlock::sampled(&full, controller, input, &line), full.R))
-            }
-        }
+        let mut work = Assembly::new();
+        let (block, r) = self.assemble(&mut work, theta, delay, form)?;
+        Ok((block.clone(), r.clone()))
     }
 
     /// The form in which the delay enters the Lyapunov route.
@@ -359,7 +310,7 @@ impl Setup {
 }
 
 /// Fails unless two plants of a family have the same sizes.
-fn same_size(plant: &Plant, like: &Plant) -> Result<()> {
+pub(crate) fn same_size(plant: &Plant, like: &Plant) -> Result<()> {
     for (what, got, want) in [
         ("A", &plant.A, &like.A),
         ("B", &plant.B, &like.B),
@@ -371,7 +322,7 @@ fn same_size(plant: &Plant, like: &Plant) -> Result<()> {
     Ok(())
 }
 
-fn varying_noise() -> Error {
+pub(crate) fn varying_noise() -> Error {
     Error::Conflict {
         problem: "the measurement noise R depends on a parameter, and in continuous time \
                   models with different R are told apart at once"

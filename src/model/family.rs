@@ -35,6 +35,20 @@ pub trait Family: Send + Sync {
     /// parameter values.
     fn plant(&self, theta: &[f64]) -> Result<Plant>;
 
+    /// Turns `plant`, which is this family's plant at `from`, into the one at
+    /// `to`; after an error `plant` is not to be used.
+    ///
+    /// Sweeps call it for one plant after the other. The default builds the
+    /// plant anew; override it where only some entries change.
+    ///
+    /// # Errors
+    /// As [`Family::plant`].
+    fn update(&self, plant: &mut Plant, from: &[f64], to: &[f64]) -> Result<()> {
+        let _ = from;
+        *plant = self.plant(to)?;
+        Ok(())
+    }
+
     /// The nominal parameter vector with some values replaced by name.
     ///
     /// # Errors

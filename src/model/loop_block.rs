@@ -1,9 +1,10 @@
 //! The plant with everything around it, as one linear system.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use crate::error::{Error, Result};
-use crate::model::discretize::{DelayLine, pade_delay};
+use crate::model::close::{Around, Closing, add_product, blank, put};
+use crate::model::discretize::DelayLine;
 use crate::model::{Controller, Plant, Shaping, Time};
 
 /// Default order of the Pade approximation of an actuator delay.
@@ -68,25 +69,30 @@ impl Plant {
     ///     [0   A_f ]       [0]       [B_f]
     /// ```
     pub fn with_disturbance(&self, filter: Option<&Shaping>) -> Plant {
-        let Some(f) = filter else { return self.clone() };
+        let mut full = self.clone();
+        if let Some(f) = filter {
+            self.with_disturbance_into(f, &mut full);
+        }
+        full
+    }
+
+    /// As [`Plant::with_disturbance`], into the buffers of `full`.
+    pub(crate) fn with_disturbance_into(&self, f: &Shaping, full: &mut Plant) {
         let (nx, nf) = (self.nx(), f.nf());
         let n = nx + nf;
-        let mut plant = Plant {
-            time: self.time,
-            A: Mat::zeros(n, n),
-            B: Mat::zeros(n, self.nu()),
-            G: Mat::zeros(n, f.B.ncols()),
-            C: Mat::zeros(self.ny(), n),
-            Q: f.Q.clone(),
-            R: self.R.clone(),
-        };
-        put(&mut plant.A, 0, 0, self.A.as_ref());
-        put(&mut plant.A, 0, nx, times(self.G.as_ref(), f.C.as_ref()).as_ref());
-        put(&mut plant.A, nx, nx, f.A.as_ref());
-        put(&mut plant.B, 0, 0, self.B.as_ref());
-        put(&mut plant.G, nx, 0, f.B.as_ref());
-        put(&mut plant.C, 0, 0, self.C.as_ref());
-        plant
+        full.time = self.time;
+        blank(&mut full.A, n, n);
+        blank(&mut full.B, n, self.nu());
+        blank(&mut full.G, n, f.B.ncols());
+        blank(&mut full.C, self.ny(), n);
+        full.Q.clone_from(&f.Q);
+        full.R.clone_from(&self.R);
+        put(&mut full.A, 0, 0, self.A.as_ref());
+        add_product(&mut full.A, 0, nx, self.G.as_ref(), f.C.as_ref());
+        put(&mut full.A, nx, nx, f.A.as_ref());
+        put(&mut full.B, 0, 0, self.B.as_ref());
+        put(&mut full.G, nx, 0, f.B.as_ref());
+        put(&mut full.C, 0, 0, self.C.as_ref());
     }
 }
 
@@ -166,29 +172,10 @@ impl LoopBlock {
         delay: f64,
         form: DelayForm,
     ) -> Result<Self> {
-        if !(delay >= 0.0 && delay.is_finite()) {
-            return Err(Error::Range {
-                what: "actuator delay".into(),
-                value: delay,
-                remedy: "give seconds, zero or more".into(),
-            });
-        }
-        let line = if delay == 0.0 || plant.nu() == 0 {
-            DelayLine::none(plant)
-        } else {
-            match (plant.time, form) {
-                (Time::Continuous, DelayForm::States { pade }) => pade_delay(plant, delay, pade),
-                (Time::Continuous, DelayForm::Exact) => {
-                    let mut block = close(plant, controller, input, &DelayLine::cut(plant));
-                    let full = close(plant, controller, input, &DelayLine::none(plant));
-                    block.delayed =
-                        Some(Delayed { tau: delay, A: &full.A - &block.A, B: &full.B - &block.B });
-                    return Ok(block);
-                }
-                (Time::Discrete { dt }, _) => DelayLine::whole_samples(plant, delay, dt)?,
-            }
-        };
-        Ok(close(plant, controller, input, &line))
+        let mut block = LoopBlock::empty(plant.time);
+        let surroundings = Around { controller, input };
+        Closing::new().loop_of(plant, surroundings, delay, form, &mut block)?;
+        Ok(block)
     }
 
     /// Closes the loop around a sampled plant whose delay line was made by
@@ -199,7 +186,24 @@ impl LoopBlock {
         input: Option<&Shaping>,
         line: &DelayLine,
     ) -> Self {
-        close(plant, controller, input, line)
+        let mut block = LoopBlock::empty(plant.time);
+        Closing::new().close(plant, Around { controller, input }, line, &mut block);
+        block
+    }
+
+    /// A block of no size, to be filled.
+    pub(crate) fn empty(time: Time) -> Self {
+        let none = Mat::new;
+        Self {
+            time,
+            A: none(),
+            B: none(),
+            Cy: none(),
+            Dy: none(),
+            Cu: none(),
+            Du: none(),
+            delayed: None,
+        }
     }
 
     /// Number of states.
@@ -228,144 +232,4 @@ pub fn block_states(plant: &[String], surroundings: &Surroundings, np: usize) ->
         names.extend(f.states.iter().cloned());
     }
     names
-}
-
-/// The interconnection
-///
-/// ```text
-/// x'   = A x + Bx x_d + B0 u + G Q^1/2 w1      plant and disturbance filter
-/// x_d' = Ad x_d + Bd u                         delay line
-/// x_K' = A_K x_K + B_K y                       controller
-/// x_r' = A_r x_r + B_r Q_r^1/2 w2              input filter
-/// y = C x + R^1/2 w3,   u = C_K x_K + D_K y + C_r x_r
-/// ```
-fn close(
-    plant: &Plant,
-    controller: Option<&Controller>,
-    input: Option<&Shaping>,
-    line: &DelayLine,
-) -> LoopBlock {
-    let (nx, nu, ny) = (plant.nx(), plant.nu(), plant.ny());
-    let nd = line.A.nrows();
-    let nk = controller.map_or(0, |k| k.A.nrows());
-    let nr = input.map_or(0, Shaping::nf);
-    let np = nx + nd + nk + nr;
-    let (at_d, at_k, at_r) = (nx, nx + nd, nx + nd + nk);
-
-    let w1 = times(plant.G.as_ref(), psd_factor(plant.Q.as_ref()).as_ref());
-    let w2 = input.map_or_else(
-        || Mat::zeros(0, 0),
-        |f| times(f.B.as_ref(), psd_factor(f.Q.as_ref()).as_ref()),
-    );
-    let w3 = psd_factor(plant.R.as_ref());
-    let (n1, n2, n3) = (w1.ncols(), w2.ncols(), w3.ncols());
-    let nw = n1 + n2 + n3;
-
-    let mut block = LoopBlock {
-        time: plant.time,
-        A: Mat::zeros(np, np),
-        B: Mat::zeros(np, nw),
-        Cy: Mat::zeros(ny, np),
-        Dy: Mat::zeros(ny, nw),
-        Cu: Mat::zeros(nu, np),
-        Du: Mat::zeros(nu, nw),
-        delayed: None,
-    };
-    put(&mut block.Cy, 0, 0, plant.C.as_ref());
-    put(&mut block.Dy, 0, n1 + n2, w3.as_ref());
-    if let Some(k) = controller {
-        put(&mut block.Cu, 0, 0, times(k.D.as_ref(), plant.C.as_ref()).as_ref());
-        put(&mut block.Cu, 0, at_k, k.C.as_ref());
-        put(&mut block.Du, 0, n1 + n2, times(k.D.as_ref(), w3.as_ref()).as_ref());
-    }
-    if let Some(f) = input {
-        put(&mut block.Cu, 0, at_r, f.C.as_ref());
-    }
-
-    // what does not pass through u
-    put(&mut block.A, 0, 0, plant.A.as_ref());
-    put(&mut block.A, 0, at_d, line.Bx.as_ref());
-    put(&mut block.A, at_d, at_d, line.A.as_ref());
-    put(&mut block.B, 0, 0, w1.as_ref());
-    if let Some(k) = controller {
-        put(&mut block.A, at_k, at_k, k.A.as_ref());
-        put(&mut block.A, at_k, 0, times(k.B.as_ref(), plant.C.as_ref()).as_ref());
-        put(&mut block.B, at_k, n1 + n2, times(k.B.as_ref(), w3.as_ref()).as_ref());
-    }
-    if let Some(f) = input {
-        put(&mut block.A, at_r, at_r, f.A.as_ref());
-        put(&mut block.B, at_r, n1, w2.as_ref());
-    }
-    // what does
-    let mut from_u = Mat::zeros(np, nu);
-    put(&mut from_u, 0, 0, line.B0.as_ref());
-    put(&mut from_u, at_d, 0, line.B.as_ref());
-    block.A += times(from_u.as_ref(), block.Cu.as_ref());
-    block.B += times(from_u.as_ref(), block.Du.as_ref());
-    block
-}
-
-/// `A B` by plain loops: an order of magnitude faster than the general product
-/// on matrices this small, and one plant of a grid takes a dozen of them.
-pub(crate) fn times(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
-    let mut c = Mat::zeros(a.nrows(), b.ncols());
-    for j in 0..b.ncols() {
-        for k in 0..a.ncols() {
-            let factor = b[(k, j)];
-            if factor != 0.0 {
-                for i in 0..a.nrows() {
-                    c[(i, j)] = factor.mul_add(a[(i, k)], c[(i, j)]);
-                }
-            }
-        }
-    }
-    c
-}
-
-fn put(into: &mut Mat<f64>, row: usize, col: usize, from: MatRef<'_, f64>) {
-    into.submatrix_mut(row, col, from.nrows(), from.ncols()).copy_from(from);
-}
-
-/// `L` with `L L' = Q` for a positive semidefinite `Q`: Cholesky with diagonal
-/// pivoting that stops at the numerical rank.
-pub(crate) fn psd_factor(q: MatRef<'_, f64>) -> Mat<f64> {
-    let n = q.nrows();
-    let mut rest = Mat::from_fn(n, n, |i, j| 0.5 * (q[(i, j)] + q[(j, i)]));
-    let mut factor = Mat::<f64>::zeros(n, n);
-    let diagonal: Vec<f64> = (0..n).map(|i| rest[(i, i)]).collect();
-    // pivots are judged against their own diagonal: channels may differ in
-    // units by any factor
-    let share = |rest: &Mat<f64>, i: usize| {
-        if diagonal[i] > 0.0 { rest[(i, i)] / diagonal[i] } else { 0.0 }
-    };
-    let mut taken = vec![false; n];
-    for k in 0..n {
-        let Some(p) = (0..n)
-            .filter(|&i| !taken[i])
-            .max_by(|&i, &j| share(&rest, i).total_cmp(&share(&rest, j)))
-        else {
-            break;
-        };
-        if share(&rest, p) <= 8.0 * f64::EPSILON * n as f64 {
-            break;
-        }
-        let pivot = rest[(p, p)];
-        taken[p] = true;
-        let root = pivot.sqrt();
-        for i in 0..n {
-            factor[(i, k)] = if i == p {
-                root
-            } else if taken[i] {
-                0.0
-            } else {
-                rest[(i, p)] / root
-            };
-        }
-        for i in 0..n {
-            for j in 0..n {
-                rest[(i, j)] -= factor[(i, k)] * factor[(j, k)];
-            }
-        }
-    }
-    factor
 }

@@ -8,6 +8,7 @@
 //! `x(k+1)`, in discrete time (`Q`, `R` are covariances).
 
 mod check;
+mod close;
 mod discretize;
 mod family;
 mod grid;
@@ -17,10 +18,10 @@ mod shaping;
 pub mod systems;
 
 pub use check::{check_covariance, check_finite, check_shape};
+pub(crate) use close::{Around, Closing, psd_factor};
 pub use discretize::{DelayLine, Sampled, pade_delay, sample, van_loan};
 pub use family::{Family, FnFamily, Parameter, describe};
 pub use grid::{Axis, Grid};
-pub(crate) use loop_block::psd_factor;
 pub use loop_block::{DelayForm, Delayed, LoopBlock, Surroundings, block_states};
 pub use plant::{Controller, Names, Plant, Time};
 pub use shaping::Shaping;

@@ -106,7 +106,21 @@ impl Pattern {
 
     fn at(&self, values: &[f64]) -> Result<Mat<f64>> {
         let mut matrix = self.constant.clone();
+        self.update(&mut matrix, values, |_| true)?;
+        Ok(matrix)
+    }
+
+    /// Evaluates the entries that mention a quantity which `changed`.
+    fn update(
+        &self,
+        matrix: &mut Mat<f64>,
+        values: &[f64],
+        changed: impl Fn(usize) -> bool,
+    ) -> Result<()> {
         for (row, col, entry) in &self.varying {
+            if !entry.variables().iter().any(|&v| changed(v)) {
+                continue;
+            }
             let value = entry.value(values);
             if !value.is_finite() {
                 let what = self.letter.into();
@@ -114,7 +128,7 @@ impl Pattern {
             }
             matrix[(*row, *col)] = value;
         }
-        Ok(matrix)
+        Ok(())
     }
 }
 
@@ -131,6 +145,17 @@ pub(super) fn values(quantities: &[Quantity], theta: &[f64]) -> Vec<f64> {
 }
 
 impl ExpressionFamily {
+    fn check_length(&self, theta: &[f64]) -> Result<()> {
+        if theta.len() == self.parameters.len() {
+            return Ok(());
+        }
+        Err(Error::Shape {
+            what: "theta".into(),
+            want: [self.parameters.len(), 1],
+            got: [theta.len(), 1],
+        })
+    }
+
     /// Which quantities some matrix depends on, directly or through others.
     pub(super) fn used(&self) -> Vec<bool> {
         let Plants::Written(patterns) = &self.plants else {
@@ -170,13 +195,7 @@ impl Family for ExpressionFamily {
     /// entry that has no finite value there.
     #[expect(non_snake_case, reason = "capital letters are matrices")]
     fn plant(&self, theta: &[f64]) -> Result<Plant> {
-        if theta.len() != self.parameters.len() {
-            return Err(Error::Shape {
-                what: "theta".into(),
-                want: [self.parameters.len(), 1],
-                got: [theta.len(), 1],
-            });
-        }
+        self.check_length(theta)?;
         let patterns = match &self.plants {
             Plants::Written(patterns) => patterns,
             Plants::BuiltIn(family) => return family.plant(theta),
@@ -192,5 +211,29 @@ impl Family for ExpressionFamily {
             Q: Q.at(&values)?,
             R: R.at(&values)?,
         })
+    }
+
+    /// Evaluates only the entries that follow a parameter which changed.
+    fn update(&self, plant: &mut Plant, from: &[f64], to: &[f64]) -> Result<()> {
+        self.check_length(from)?;
+        self.check_length(to)?;
+        let patterns = match &self.plants {
+            Plants::Written(patterns) => patterns,
+            Plants::BuiltIn(family) => return family.update(plant, from, to),
+        };
+        let values = values(&self.quantities, to);
+        let mut changed: Vec<bool> = Vec::with_capacity(values.len());
+        for quantity in &self.quantities {
+            changed.push(match &quantity.value {
+                Origin::Free(index) => from[*index].to_bits() != to[*index].to_bits(),
+                Origin::Derived(entry) => entry.variables().iter().any(|&v| changed[v]),
+            });
+        }
+        let matrices =
+            [&mut plant.A, &mut plant.B, &mut plant.G, &mut plant.C, &mut plant.Q, &mut plant.R];
+        for (pattern, matrix) in patterns.iter().zip(matrices) {
+            pattern.update(matrix, &values, |v| changed[v])?;
+        }
+        Ok(())
     }
 }

@@ -216,9 +216,7 @@ pub enum Error {
         remedy: String,
     },
     /// A run that would not fit in memory; nothing was allocated.
-    #[error(
-        "{what} needs {bytes} bytes, over the limit of {limit}: use a smaller grid, or raise {key}"
-    )]
+    #[error("{what} needs {bytes} bytes, over the limit of {limit}: {remedy}")]
     Limit {
         /// What is too large.
         what: String,
@@ -226,8 +224,8 @@ pub enum Error {
         bytes: u128,
         /// The limit in force.
         limit: u128,
-        /// The setting that raises it.
-        key: &'static str,
+        /// What to do about it.
+        remedy: &'static str,
     },
     /// The quadrature did not reach its tolerance.
     #[error(

@@ -109,10 +109,12 @@ impl Study {
             + chunk;
         if bytes > self.memory_limit {
             return Err(Error::Limit {
-                what: format!("a study of {plants} plants, {models} models and {delays} delays"),
+                what: format!(
+                    "a study with {plants} x {models} x {delays} (plants x models x delays)"
+                ),
                 bytes,
                 limit: self.memory_limit,
-                key: "memory_limit",
+                remedy: "use a smaller grid, or raise memory_limit",
             });
         }
         let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));

@@ -155,7 +155,7 @@ impl Grid {
                 what: "the parameter grid".into(),
                 bytes: points.saturating_mul(8),
                 limit: u128::from(u32::MAX) * 8,
-                key: "nothing (an index has 32 bits)",
+                remedy: "use fewer points (an index has 32 bits)",
             });
         }
         Ok(Self { axes })

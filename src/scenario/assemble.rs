@@ -80,6 +80,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
     };
     if !reader.failed() {
         check(reader, &scenario);
+        without_effect(reader, &scenario);
     }
     Some(scenario)
 }
@@ -129,6 +130,26 @@ fn check(reader: &Reader<'_>, scenario: &Scenario) {
         && let Error::Engine { at, source } = scenario.explain(error)
     {
         reader.refuse(*at, source);
+    }
+}
+
+/// Warns of keys that change nothing.
+fn without_effect(reader: &Reader<'_>, scenario: &Scenario) {
+    let warn = |key: &str, message: &str, remedy: &str| {
+        if let Some(&(line, column)) = scenario.places.keys.get(key) {
+            reader.warn_at((line, column), key, message, remedy);
+        }
+    };
+    let around = &scenario.surroundings;
+    if around.disturbance.is_some() && scenario.bank.as_ref().is_none_or(|b| b.shaping) {
+        let message = "without effect: the filter of [disturbance] has its own intensity";
+        warn("plant.Q", message, "give disturbance.Q, or remove this one");
+    }
+    if around.controller.is_none() && around.input.is_none() {
+        for key in ["eip.delays", "actuator.delay"] {
+            let message = "without effect: nothing drives the inputs";
+            warn(key, message, "add [controller] or [input], or remove the delay");
+        }
     }
 }
 

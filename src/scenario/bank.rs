@@ -191,8 +191,8 @@ fn columns(table: &Table<'_, '_>, family: &ExpressionFamily) -> Option<Models> {
         if axis.len() > MODELS {
             let what = format!("a bank of {} models", axis.len());
             let (bytes, limit) = (axis.len() as u128 * 64, MODELS as u128 * 64);
-            let key_of_limit = "nothing (a bank has at most a million models)";
-            let error = Error::Limit { what, bytes, limit, key: key_of_limit };
+            let remedy = "give at most a million models";
+            let error = Error::Limit { what, bytes, limit, remedy };
             return reader.engine(value.span().start, &key, error);
         }
         Some((key, value.span().start, axis))

@@ -32,7 +32,10 @@ impl Places {
             place = places.get(row * cols + col).copied();
         }
         // the nearest key above one that was left out
-        let mut at = key.as_str();
+        let mut at = match key.as_str() {
+            "eip.delays" if !self.keys.contains_key("eip.delays") => "actuator.delay",
+            key => key,
+        };
         while place.is_none() && !at.is_empty() {
             place = self.keys.get(at).copied();
             at = at.rsplit_once('.').map_or("", |(head, _)| head);
@@ -91,6 +94,7 @@ fn path(what: &str) -> String {
     match what {
         "A" | "B" | "G" | "C" | "Q" | "R" => format!("plant.{what}"),
         "grid" => "eip.grid".into(),
+        "actuator delay" => "eip.delays".into(),
         _ => match what.strip_prefix("grid of ") {
             Some(name) => format!("eip.grid.{name}"),
             None => what.into(),

@@ -87,6 +87,16 @@ impl<'a> Reader<'a> {
         }
     }
 
+    /// As [`Reader::warn`], at a line and column.
+    pub(super) fn warn_at(&self, place: (usize, usize), key: &str, message: &str, remedy: &str) {
+        let (line, column) = place;
+        let at = self.diagnostic(0, key, message, remedy);
+        let mut warnings = self.warnings.borrow_mut();
+        if warnings.len() < MOST {
+            warnings.push(Diagnostic { line, column, ..at });
+        }
+    }
+
     /// True after the first error.
     pub(super) fn failed(&self) -> bool {
         !self.errors.borrow().is_empty()

@@ -78,7 +78,7 @@ fn nan_filled(size: usize, len: usize) -> Result<Vec<f64>> {
         what: "the batch of solutions".into(),
         bytes: size as u128 * len as u128 * 8,
         limit: isize::MAX as u128,
-        key: "memory (solve the batch in parts)",
+        remedy: "solve the batch in parts",
     };
     let count = size.checked_mul(len).ok_or_else(too_large)?;
     let mut x = Vec::new();

@@ -74,7 +74,7 @@ fn check(find: &str, with: &str, key: &str, message: &str, remedy: &str) {
 fn the_base_is_valid() -> Result<(), Error> {
     let scenario = Scenario::parse("f.toml", BASE)?;
     let keys: Vec<&str> = scenario.warnings().iter().map(|w| w.key.as_str()).collect();
-    assert_eq!(keys, ["plant.parameters.kc"]);
+    assert_eq!(keys, ["plant.Q", "plant.parameters.kc"]);
     scenario.study().map(|_| ())
 }
 

@@ -401,3 +401,36 @@ fn byte_order_mark_and_carriage_returns_are_accepted() -> Outcome {
     assert_eq!(scenario.warnings(), []);
     Ok(())
 }
+
+/// What changes nothing is said, at its place.
+#[test]
+fn keys_without_effect_are_warned_of() -> Outcome {
+    let text = r#"
+        format = 1
+        [plant]
+        time = "continuous"
+        states = ["x"]
+        inputs = ["u"]
+        disturbances = ["w"]
+        outputs = ["x"]
+        A = -1
+        B = 1
+        G = 1
+        C = 1
+        Q = 2
+        R = 0.1
+        [plant.parameters]
+        [disturbance]
+        states = ["f"]
+        A = -1
+        B = 1
+        C = 1
+        [actuator]
+        delay = 0.1
+    "#;
+    let scenario = Scenario::parse("s.toml", text)?;
+    let found: Vec<(usize, &str)> =
+        scenario.warnings().iter().map(|w| (w.line, w.key.as_str())).collect();
+    assert_eq!(found, [(13, "plant.Q"), (22, "actuator.delay")]);
+    Ok(())
+}

@@ -7,12 +7,14 @@ use faer::Mat;
 use crate::eip::Method;
 use crate::eip::assembly::Assembly;
 use crate::eip::batch::LoopBatch;
+use crate::eip::delay::{DelayedBatch, Winding};
 use crate::eip::doubling::Doubling;
 use crate::eip::frequency;
 use crate::eip::modal::Modal;
 use crate::eip::setup::{PairModel, Setup};
 use crate::error::{Eigenvalue, Error, Result};
 use crate::model::{DelayForm, LoopBlock, block_states};
+use crate::small::Cx;
 use crate::solve::{Mode, backend, least_stable_mode};
 
 /// Relative tolerance of the frequency integral. The estimate is pessimistic: the
@@ -22,6 +24,9 @@ const QUADRATURE: f64 = 1e-10;
 /// A mode decays clearly if it does so by this share of its rate (a sample in
 /// discrete time).
 const DECAYS: f64 = 1e-9;
+
+/// Relative error of the quadrature up to which it stands in for the doubling.
+const UNPROVED: f64 = 1e-6;
 
 /// Upsilon of every model, NaN for those without one, or why there is none.
 pub(crate) type Outcome = std::result::Result<Vec<f64>, Flaw>;
@@ -47,6 +52,8 @@ pub(crate) struct Engine<'a> {
     pub(crate) method: Method,
     /// Names of the block's states.
     pub(crate) states: Vec<String>,
+    /// Decides stability where the blocks only approximate the delay.
+    winding: Option<Winding>,
     /// Indices of the models that could be designed.
     pub(crate) designed: Vec<usize>,
     /// Buffers waiting for the next call.
@@ -57,6 +64,9 @@ pub(crate) struct Engine<'a> {
 struct Work {
     assembly: Assembly,
     batch: LoopBatch,
+    /// The loops with their exact delay, and buffers for it.
+    exact: Assembly,
+    delayed: DelayedBatch,
     /// The measurement noise of each plant where it is not the nominal one.
     built: Vec<Result<Option<Mat<f64>>>>,
     energies: Vec<f64>,
@@ -65,7 +75,14 @@ struct Work {
 impl Work {
     fn new() -> Self {
         let (built, energies) = Default::default();
-        Self { assembly: Assembly::new(), batch: LoopBatch::new(), built, energies }
+        Self {
+            assembly: Assembly::new(),
+            batch: LoopBatch::new(),
+            exact: Assembly::new(),
+            delayed: DelayedBatch::new(),
+            built,
+            energies,
+        }
     }
 }
 
@@ -127,7 +144,10 @@ impl<'a> Engine<'a> {
         let states = block_states(plant_states, &setup.study.surroundings, order);
         let designed = (0..setup.pairs.len()).filter(|&i| setup.pairs[i].is_some()).collect();
         let works = Mutex::new(Vec::new());
-        Ok(Self { setup, delay, gamma, doubling, modal, method, states, designed, works })
+        let delayed_feedback =
+            setup.time.is_continuous() && delay > 0.0 && setup.controller.is_some();
+        let winding = delayed_feedback.then(|| Winding::new(delay, gamma));
+        Ok(Self { setup, delay, gamma, doubling, modal, method, states, winding, designed, works })
     }
 
     /// Upsilon of every model at parameter vectors `thetas`.
@@ -191,33 +211,60 @@ impl<'a> Engine<'a> {
         designed: &[usize],
         fill: impl FnOnce(&LoopBatch, &mut Vec<f64>) -> Result<()>,
     ) -> Result<Vec<Outcome>> {
-        let Work { assembly, batch, built, energies } = work;
+        let Work { assembly, batch, exact, delayed, built, energies } = work;
         let form = self.setup.delay_states();
         let nominal = &self.setup.nominal.R;
         batch.clear();
+        delayed.clear();
         built.clear();
         for theta in thetas {
             match self.setup.assemble(assembly, theta, self.delay, form) {
                 Ok((block, r)) => {
                     batch.push(block);
                     built.push(Ok((r != nominal).then(|| r.clone())));
+                    if self.winding.is_some() {
+                        let form = DelayForm::Exact;
+                        let (block, _) = self.setup.assemble(exact, theta, self.delay, form)?;
+                        delayed.push(block);
+                    }
                 }
                 Err(e @ Error::Plant { .. }) => built.push(Err(e)),
                 Err(e) => return Err(e),
             }
         }
         fill(batch, energies)?;
+        let counts = match &self.winding {
+            Some(winding) => winding.counts(delayed),
+            None => Vec::new(),
+        };
         let mut next = 0;
         let mut all = Vec::with_capacity(thetas.len());
-        for r in built.drain(..) {
-            all.push(match r {
-                Err(e) => Err(Flaw::Unbuilt(e)),
-                Ok(r) => {
-                    let row = &energies[next * designed.len()..(next + 1) * designed.len()];
-                    next += 1;
-                    self.outcome(batch, next - 1, designed, row, r.as_ref().unwrap_or(nominal))?
+        for (r, theta) in built.drain(..).zip(thetas) {
+            let r = match r {
+                Ok(r) => r,
+                Err(e) => {
+                    all.push(Err(Flaw::Unbuilt(e)));
+                    continue;
                 }
+            };
+            let row = &energies[next * designed.len()..(next + 1) * designed.len()];
+            let proved = !row.iter().all(|e| e.is_nan());
+            let stability = match &self.winding {
+                Some(winding) => {
+                    delayed_stability(winding, batch, delayed, next, proved, counts[next])?
+                }
+                None => stability(batch, next, proved)?,
+            };
+            all.push(match stability {
+                Stability::Unstable(mode) => Err(Flaw::Unstable(mode)),
+                Stability::Unknown => Ok(vec![f64::NAN; self.setup.pairs.len()]),
+                Stability::Stable if proved => {
+                    let r = r.as_ref().unwrap_or(nominal);
+                    Ok(self.scale(designed, row.iter().copied(), r))
+                }
+                Stability::Stable => Ok(self.unproved_row(theta, designed)?),
             });
+            next += 1;
         }
         Ok(all)
     }
@@ -256,28 +303,16 @@ impl<'a> Engine<'a> {
         Ok(())
     }
 
-    /// Upsilon of block `k` of a batch. An unstable loop has no energy with any
-    /// model. A loop that the doubling could not show to be stable, but whose
-    /// modes clearly decay, has NaN.
-    fn outcome(
-        &self,
-        batch: &LoopBatch,
-        k: usize,
-        designed: &[usize],
-        energies: &[f64],
-        r: &Mat<f64>,
-    ) -> Result<Outcome> {
-        if energies.iter().all(|e| e.is_nan()) {
-            let block = batch.block(k);
-            let continuous = block.time.is_continuous();
-            let mode = least_stable_mode(block.A.as_ref(), continuous)?;
-            let Eigenvalue { re, im } = mode.eigenvalue;
-            let decay = if continuous { -re / re.hypot(im) } else { 1.0 - re.hypot(im) };
-            if decay.is_nan() || decay <= DECAYS {
-                return Ok(Err(Flaw::Unstable(mode)));
+    /// Upsilon by the frequency integral of a stable loop that the doubling could
+    /// not show to be so; NaN where the integral is not accurate either.
+    fn unproved_row(&self, theta: &[f64], designed: &[usize]) -> Result<Vec<f64>> {
+        let (mut row, errors) = self.frequency_row(theta, designed)?;
+        for (value, error) in row.iter_mut().zip(errors) {
+            if error > UNPROVED * value.abs() {
+                *value = f64::NAN;
             }
         }
-        Ok(Ok(self.scale(designed, energies.iter().copied(), r)))
+        Ok(row)
     }
 
     /// Upsilon of `models` (indices in the bank, in increasing order) by the
@@ -322,6 +357,60 @@ impl<'a> Engine<'a> {
         }
         row
     }
+}
+
+/// Whether a plant has any Upsilon.
+enum Stability {
+    Stable,
+    Unstable(Mode),
+    /// On the limit, as near as can be told.
+    Unknown,
+}
+
+/// Of block `k`, whose doubling `proved` it stable or not: a loop far from normal
+/// can be stable without a proof.
+fn stability(batch: &LoopBatch, k: usize, proved: bool) -> Result<Stability> {
+    if proved {
+        return Ok(Stability::Stable);
+    }
+    let block = batch.block(k);
+    let continuous = block.time.is_continuous();
+    let mode = least_stable_mode(block.A.as_ref(), continuous)?;
+    let Eigenvalue { re, im } = mode.eigenvalue;
+    let decay = if continuous { -re / re.hypot(im) } else { 1.0 - re.hypot(im) };
+    Ok(if decay > DECAYS { Stability::Stable } else { Stability::Unstable(mode) })
+}
+
+/// Of block `k` with its exact delay, which has `count` unstable modes; `proved`
+/// concerns the approximation of the delay.
+fn delayed_stability(
+    winding: &Winding,
+    batch: &LoopBatch,
+    delayed: &DelayedBatch,
+    k: usize,
+    proved: bool,
+    count: Option<usize>,
+) -> Result<Stability> {
+    let count = match count {
+        Some(count) if proved && count > 0 => winding.count_again(delayed, k),
+        count => count,
+    };
+    match count {
+        Some(0) => return Ok(Stability::Stable),
+        None if proved => return Ok(Stability::Unknown),
+        _ => {}
+    }
+    let mut mode = least_stable_mode(batch.block(k).A.as_ref(), true)?;
+    if mode.eigenvalue.re < 0.0 {
+        let Eigenvalue { re, im } = mode.eigenvalue;
+        match winding.zero_near(delayed, k, Cx::new(re, im)) {
+            Some(zero) if zero.re > 0.0 => {
+                mode.eigenvalue = Eigenvalue { re: zero.re, im: zero.im.abs() };
+            }
+            _ => return Ok(Stability::Unknown),
+        }
+    }
+    Ok(Stability::Unstable(mode))
 }
 
 /// Slowest and fastest rate of the modes seen so far (rad/s, or rad/sample).

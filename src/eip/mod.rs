@@ -4,6 +4,7 @@
 mod assembly;
 mod batch;
 mod cost;
+mod delay;
 mod doubling;
 mod engine;
 mod frequency;

@@ -163,7 +163,26 @@ pub fn cx_solve<T: Real, N: Dim, C: Dim>(n: N, r: C, a: &mut [Cx<T>], x: &mut [C
         a.len() == n * n && x.len() == n * r,
         "cx_solve: slices do not fit {n}x{n} and {n}x{r}"
     );
-    T::outline(Solve { n, r, a, x })
+    T::outline(Solve { n, r, a, x, sign: T::one() })
+}
+
+/// Determinant of `A`, n x n, destroying it; NaN in lanes where [`cx_solve`]
+/// would fail. Scale `A` so that the product of its pivots stays in range.
+/// Panics unless `a.len() == n * n`.
+///
+/// # Examples
+/// ```
+/// use mmae::small::{Const, Cx, cx_det};
+/// let [zero, one, i] = [Cx::zero(), Cx::real(1.0), Cx::new(0.0, 1.0)];
+/// let det = cx_det(Const::<2>, &mut [zero, one, i, zero]);
+/// assert_eq!((det.re, det.im), (0.0, -1.0));
+/// ```
+#[inline(always)]
+#[track_caller]
+pub fn cx_det<T: Real, N: Dim>(n: N, a: &mut [Cx<T>]) -> Cx<T> {
+    let n = n.get();
+    assert!(a.len() == n * n, "cx_det: slice does not fit {n}x{n}");
+    T::outline(Det(Solve { n, r: 0, a, x: &mut [], sign: T::one() }))
 }
 
 struct Solve<'a, T> {
@@ -171,6 +190,25 @@ struct Solve<'a, T> {
     r: usize,
     a: &'a mut [Cx<T>],
     x: &'a mut [Cx<T>],
+    /// Of the permutation.
+    sign: T,
+}
+
+/// Elimination for the sake of the pivots.
+struct Det<'a, T>(Solve<'a, T>);
+
+impl<T: Real> LaneKernel<T> for Det<'_, T> {
+    type Out = Cx<T>;
+    #[inline(always)]
+    fn run(mut self) -> Cx<T> {
+        let ok = self.0.eliminate();
+        let mut reciprocal = Cx::real(self.0.sign);
+        for k in 0..self.0.n {
+            reciprocal = reciprocal * self.0.a[k * self.0.n + k];
+        }
+        let nan = T::splat(f64::NAN);
+        Cx::select(ok, reciprocal.recip(), Cx::new(nan, nan))
+    }
 }
 
 impl<T: Real> Solve<'_, T> {
@@ -193,6 +231,7 @@ impl<T: Real> Solve<'_, T> {
             if here.any() {
                 swap_where(here, n, k, i, self.a);
                 swap_where(here, r, k, i, self.x);
+                self.sign = T::select(here, -self.sign, self.sign);
             }
         }
     }
@@ -205,6 +244,28 @@ impl<T: Real> Solve<'_, T> {
         let good = size.ge(T::splat(f64::MIN_POSITIVE)) & size.is_finite();
         *pivot = Cx::select(good, *pivot, Cx::real(T::one())).recip();
         good
+    }
+
+    /// Brings `A` to triangular form, with the reciprocals of the pivots on the
+    /// diagonal, and `X` along.
+    #[inline(always)]
+    fn eliminate(&mut self) -> T::Mask {
+        let (n, r) = (self.n, self.r);
+        let mut ok = T::Mask::splat(true);
+        for k in 0..n {
+            self.pivot(k);
+            ok = ok & self.invert(k);
+            let (top, below) = self.a.split_at_mut((k + 1) * n);
+            let (x_top, x_below) = self.x.split_at_mut((k + 1) * r);
+            let (pivot, x_pivot) = (&top[k * n..], &x_top[k * r..]);
+            for i in 0..n - k - 1 {
+                let row = &mut below[i * n..][..n];
+                let factor = row[k] * pivot[k];
+                subtract(factor, &pivot[k + 1..], &mut row[k + 1..]);
+                subtract(factor, x_pivot, &mut x_below[i * r..][..r]);
+            }
+        }
+        ok
     }
 }
 
@@ -230,20 +291,7 @@ impl<T: Real> LaneKernel<T> for Solve<'_, T> {
     #[inline(always)]
     fn run(mut self) -> T::Mask {
         let (n, r) = (self.n, self.r);
-        let mut ok = T::Mask::splat(true);
-        for k in 0..n {
-            self.pivot(k);
-            ok = ok & self.invert(k);
-            let (top, below) = self.a.split_at_mut((k + 1) * n);
-            let (x_top, x_below) = self.x.split_at_mut((k + 1) * r);
-            let (pivot, x_pivot) = (&top[k * n..], &x_top[k * r..]);
-            for i in 0..n - k - 1 {
-                let row = &mut below[i * n..][..n];
-                let factor = row[k] * pivot[k];
-                subtract(factor, &pivot[k + 1..], &mut row[k + 1..]);
-                subtract(factor, x_pivot, &mut x_below[i * r..][..r]);
-            }
-        }
+        let ok = self.eliminate();
         for k in (0..n).rev() {
             let (x_top, x_below) = self.x.split_at_mut(k * r);
             let solution = &mut x_below[..r];

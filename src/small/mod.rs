@@ -60,7 +60,7 @@ pub use basic::{
     symmetrize, trace, transpose,
 };
 pub use cholesky::{cholesky, cholesky_solve};
-pub use complex::{Cx, cx_solve};
+pub use complex::{Cx, cx_det, cx_solve};
 pub use dim::{Const, Dim, Dyn};
 pub use expm::{expm, expm_work};
 pub use lu::{LuInfo, inverse, lu_factor, lu_solve, solve};

@@ -1,6 +1,6 @@
 //! Upsilon of given plants against all models, for one actuator delay.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use faer::Mat;
 
@@ -9,17 +9,13 @@ use crate::eip::assembly::Assembly;
 use crate::eip::batch::LoopBatch;
 use crate::eip::delay::{DelayedBatch, Winding};
 use crate::eip::doubling::Doubling;
-use crate::eip::frequency;
+use crate::eip::frequency::Frequency;
 use crate::eip::modal::Modal;
 use crate::eip::setup::{PairModel, Setup};
 use crate::error::{Eigenvalue, Error, Result};
 use crate::model::{DelayForm, LoopBlock, block_states};
 use crate::small::Cx;
 use crate::solve::{Mode, backend, least_stable_mode};
-
-/// Relative tolerance of the frequency integral. The estimate is pessimistic: the
-/// routes agree to 1e-12 with it, and a delay's fast ripples cost less.
-const QUADRATURE: f64 = 1e-10;
 
 /// A mode decays clearly if it does so by this share of its rate (a sample in
 /// discrete time).
@@ -52,6 +48,8 @@ pub(crate) struct Engine<'a> {
     pub(crate) method: Method,
     /// Names of the block's states.
     pub(crate) states: Vec<String>,
+    /// The second route, prepared when first used.
+    frequency: OnceLock<Frequency<'a>>,
     /// Decides stability where the blocks only approximate the delay.
     winding: Option<Winding>,
     /// Indices of the models that could be designed.
@@ -147,7 +145,20 @@ impl<'a> Engine<'a> {
         let delayed_feedback =
             setup.time.is_continuous() && delay > 0.0 && setup.controller.is_some();
         let winding = delayed_feedback.then(|| Winding::new(delay, gamma));
-        Ok(Self { setup, delay, gamma, doubling, modal, method, states, winding, designed, works })
+        let frequency = OnceLock::new();
+        Ok(Self {
+            setup,
+            delay,
+            gamma,
+            doubling,
+            modal,
+            method,
+            states,
+            frequency,
+            winding,
+            designed,
+            works,
+        })
     }
 
     /// Upsilon of every model at parameter vectors `thetas`.
@@ -328,14 +339,27 @@ impl<'a> Engine<'a> {
     ) -> Result<(Vec<f64>, Vec<f64>)> {
         let setup = self.setup;
         let (block, r) = setup.block(theta, self.delay, DelayForm::Exact)?;
-        let (designed, _) = self.places(models);
-        let pairs: Vec<&PairModel> =
-            designed.iter().filter_map(|&i| setup.pairs[i].as_ref()).collect();
-        let integrals = frequency::energies(&block, &pairs, self.gamma, QUADRATURE);
+        let (designed, places) = self.places(models);
+        let integrals = self.second_route().energies(&block, &places);
         let values = self.scale(&designed, integrals.iter().map(|i| i.value), &r);
         let upper = self.scale(&designed, integrals.iter().map(|i| i.value + i.error), &r);
         let errors = values.iter().zip(&upper).map(|(v, u)| u - v).collect();
         Ok((values, errors))
+    }
+
+    /// The frequency route; its mesh is that of a plant from the middle of the
+    /// grid.
+    fn second_route(&self) -> &Frequency<'a> {
+        self.frequency.get_or_init(|| {
+            let (setup, grid) = (self.setup, &self.setup.study.grid);
+            let built = |index: usize| {
+                let theta = setup.theta_at(&grid.point(index));
+                Some(setup.block(&theta, self.delay, DelayForm::Exact).ok()?.0)
+            };
+            let sample = [grid.len() / 2, 0, grid.len() - 1].into_iter().find_map(built);
+            let models: Vec<&PairModel> = setup.pairs.iter().flatten().collect();
+            Frequency::new(setup.time, self.gamma, models, sample.as_ref())
+        })
     }
 
     /// One Upsilon a model of the bank from the energies of `designed`, NaN for

@@ -12,220 +12,258 @@
 //! It shares nothing with the Lyapunov route but the matrices. The half line is
 //! mapped to [0, 1] by `w = gamma s / (1 - s)` (discrete time: `tan(w/2) =
 //! gamma/2 s / (1 - s)`), where the integrand of a stable loop is smooth, and
-//! integrated by 15-point Gauss-Kronrod rules, bisected where the error
-//! estimate asks for it.
+//! integrated adaptively, from the mesh that one plant of the study took. What
+//! the models do at the nodes of that mesh is computed once.
 //!
 //! # Source
-//! Hassani et al. (2009), eq. (19c) with the factor 1/2 restored; rule and
-//! error estimate as in QUADPACK (Piessens et al. 1983).
+//! Hassani et al. (2009), eq. (19c) with the factor 1/2 restored.
 
+use crate::eip::quadrature::{Integral, Interval, POINTS, even_mesh, integrate};
 use crate::eip::setup::PairModel;
 use crate::model::{LoopBlock, Time};
 use crate::real::{Mask, Real, sin_cos};
-use crate::simd::{self, Kernel};
+use crate::simd::{self, Block, Kernel, LANES};
 use crate::small::{Cx, Dyn, cx_solve};
 
-/// Nodes of the 15-point Kronrod rule on [0, 1) of [-1, 1], largest first.
-const NODES: [f64; 8] = [
-    0.991_455_371_120_812_6,
-    0.949_107_912_342_758_5,
-    0.864_864_423_359_769_1,
-    0.741_531_185_599_394_4,
-    0.586_087_235_467_691_1,
-    0.405_845_151_377_397_2,
-    0.207_784_955_007_898_47,
-    0.0,
-];
-/// Weights of the 15-point Kronrod rule.
-const KRONROD: [f64; 8] = [
-    0.022_935_322_010_529_224,
-    0.063_092_092_629_978_56,
-    0.104_790_010_322_250_18,
-    0.140_653_259_715_525_92,
-    0.169_004_726_639_267_9,
-    0.190_350_578_064_785_4,
-    0.204_432_940_075_298_9,
-    0.209_482_141_084_727_82,
-];
-/// Weights of the 7-point Gauss rule at every other node.
-const GAUSS: [f64; 4] = [
-    0.129_484_966_168_869_7,
-    0.279_705_391_489_276_64,
-    0.381_830_050_505_118_9,
-    0.417_959_183_673_469_4,
-];
-/// Points of the rule.
-const POINTS: usize = 15;
-/// Intervals at the start.
-const FIRST: usize = 8;
-/// Bisections of one interval at most.
-const DEPTH: u32 = 40;
-/// Intervals at most.
-const MAX_INTERVALS: usize = 4096;
+/// Relative tolerance of the integral. The estimate is pessimistic: the routes
+/// agree to 1e-12 with it, and a delay's fast ripples cost less.
+const TOLERANCE: f64 = 1e-10;
+/// Most intervals of a mesh to start from: more are a loop near its limit.
+const LARGEST_MESH: usize = 512;
+/// Most blocks of model gains that are kept (64 MiB).
+const KEPT: usize = 1 << 20;
 
-/// An energy and the error estimate of its quadrature.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Integral {
-    pub(crate) value: f64,
-    pub(crate) error: f64,
+/// The route for one study and delay.
+pub(crate) struct Frequency<'m> {
+    /// Frequency scale of the loop (per sample in discrete time).
+    gamma: f64,
+    discrete: bool,
+    models: Vec<&'m PairModel>,
+    mesh: Vec<Interval>,
+    /// Gains of the models at the nodes of the mesh; empty where they are too
+    /// many to keep.
+    gains: Vec<Block>,
 }
 
-/// Energies `tr(W E[eps eps'])` of one loop with each model, to about
-/// `tolerance` relative; `gamma` is the frequency scale of the loop (per sample
-/// in discrete time).
-pub(crate) fn energies(
-    block: &LoopBlock,
-    models: &[&PairModel],
-    gamma: f64,
-    tolerance: f64,
-) -> Vec<Integral> {
-    if models.is_empty() {
-        return Vec::new();
-    }
-    let mut done: Vec<Panel> = Vec::new();
-    let mut pending: Vec<(f64, f64, u32)> =
-        (0..FIRST).map(|k| (k as f64 / FIRST as f64, (k + 1) as f64 / FIRST as f64, 0)).collect();
-    loop {
-        let values = integrands(block, models, gamma, &pending);
-        for (k, &(from, to, depth)) in pending.iter().enumerate() {
-            let values = &values[k * POINTS * models.len()..][..POINTS * models.len()];
-            done.push(Panel::new(from, to, depth, values, models.len()));
-        }
-        // totals in order of position: the path of the bisection leaves no trace
-        done.sort_by(|p, q| p.from.total_cmp(&q.from));
-        let total = totals(&done, models.len());
-        let enough = total.iter().all(|t| t.error <= tolerance * t.value);
-        let share = 0.5 * tolerance / done.len() as f64;
-        let splits = |p: &Panel| {
-            p.depth < DEPTH
-                && p.integrals.iter().zip(&total).any(|(i, t)| i.error > share * t.value)
-        };
-        if enough || done.len() >= MAX_INTERVALS || !done.iter().any(splits) {
-            return total;
-        }
-        pending.clear();
-        done.retain(|p| {
-            let split = splits(p);
-            if split {
-                let middle = 0.5 * (p.from + p.to);
-                pending.push((p.from, middle, p.depth + 1));
-                pending.push((middle, p.to, p.depth + 1));
+impl<'m> Frequency<'m> {
+    /// Prepares the models; the mesh to start from is that of `sample`.
+    pub(crate) fn new(
+        time: Time,
+        gamma: f64,
+        models: Vec<&'m PairModel>,
+        sample: Option<&LoopBlock>,
+    ) -> Self {
+        let (mesh, gains) = (even_mesh(), Vec::new());
+        let discrete = !time.is_continuous();
+        let mut route = Self { gamma, discrete, models, mesh, gains };
+        if let Some(block) = sample {
+            let all: Vec<usize> = (0..route.models.len()).collect();
+            let (_, mesh) = route.integrate(block, &all);
+            if mesh.len() <= LARGEST_MESH {
+                route.mesh = mesh;
             }
-            !split
-        });
+        }
+        route.keep_gains();
+        route
     }
-}
 
-/// The integrals over one interval.
-struct Panel {
-    from: f64,
-    to: f64,
-    depth: u32,
-    integrals: Vec<Integral>,
-}
+    /// Energies `tr(W E[eps eps'])` of one loop with some of the models, by their
+    /// indices.
+    pub(crate) fn energies(&self, block: &LoopBlock, models: &[usize]) -> Vec<Integral> {
+        self.integrate(block, models).0
+    }
 
-impl Panel {
-    fn new(from: f64, to: f64, depth: u32, values: &[f64], models: usize) -> Self {
-        let half = 0.5 * (to - from);
-        let integrals = (0..models)
-            .map(|i| {
-                let f = |k: usize| values[k * models + i];
-                let (mut kronrod, mut gauss) = (0.0, 0.0);
-                for k in 0..POINTS {
-                    let at = k.min(POINTS - 1 - k);
-                    kronrod += KRONROD[at] * f(k);
-                    if at % 2 == 1 {
-                        gauss += GAUSS[at / 2] * f(k);
-                    }
+    fn integrate(&self, block: &LoopBlock, models: &[usize]) -> (Vec<Integral>, Vec<Interval>) {
+        let mut kept = &self.gains[..];
+        integrate(&self.mesh, models.len(), TOLERANCE, |intervals, values| {
+            let (omega, factor) = self.frequencies(intervals);
+            values.resize(omega.len() * models.len(), 0.0);
+            let work = Responses { route: self, block, models, omega: &omega, kept, out: values };
+            simd::dispatch(work);
+            kept = &[]; // the rest is off the mesh
+            for (values, f) in values.chunks_mut(models.len().max(1)).zip(&factor) {
+                for v in values {
+                    *v *= f;
                 }
-                let mean = 0.5 * kronrod;
-                let spread: f64 =
-                    (0..POINTS).map(|k| KRONROD[k.min(POINTS - 1 - k)] * (f(k) - mean).abs()).sum();
-                let difference = (kronrod - gauss).abs();
-                let error = if spread > 0.0 {
-                    spread * (200.0 * difference / spread).powf(1.5).min(1.0)
-                } else {
-                    difference
-                };
-                Integral { value: kronrod * half, error: error * half }
-            })
-            .collect();
-        Self { from, to, depth, integrals }
-    }
-}
-
-fn totals(panels: &[Panel], models: usize) -> Vec<Integral> {
-    (0..models)
-        .map(|i| {
-            panels.iter().fold(Integral { value: 0.0, error: 0.0 }, |t, p| Integral {
-                value: t.value + p.integrals[i].value,
-                error: t.error + p.integrals[i].error,
-            })
+            }
         })
-        .collect()
-}
+    }
 
-/// The integrand at the nodes of the intervals: intervals by nodes by models,
-/// with the factor `1/pi dw/ds`.
-fn integrands(
-    block: &LoopBlock,
-    models: &[&PairModel],
-    gamma: f64,
-    intervals: &[(f64, f64, u32)],
-) -> Vec<f64> {
-    let discrete = !block.time.is_continuous();
-    let mut omega = Vec::with_capacity(intervals.len() * POINTS);
-    let mut factor = Vec::with_capacity(intervals.len() * POINTS);
-    for &(from, to, _) in intervals {
-        let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
-        for k in 0..POINTS {
-            let at = k.min(POINTS - 1 - k);
-            let s = if k == at { middle - half * NODES[at] } else { middle + half * NODES[at] };
+    /// Frequencies of the nodes, and the factor `1/pi dw/ds`.
+    fn frequencies(&self, intervals: &[Interval]) -> (Vec<f64>, Vec<f64>) {
+        let nodes = intervals.iter().flat_map(|i| (0..POINTS).map(|k| i.node(k)));
+        let map = |s: f64| {
             let left = 1.0 - s;
-            let (w, dw) = if discrete {
-                let g = 0.5 * gamma;
+            let (w, dw) = if self.discrete {
+                let g = 0.5 * self.gamma;
                 (2.0 * libm::atan2(g * s, left), 2.0 * g / (left * left + g * g * s * s))
             } else {
-                (gamma * s / left, gamma / (left * left))
+                (self.gamma * s / left, self.gamma / (left * left))
             };
-            omega.push(w);
-            factor.push(dw / std::f64::consts::PI);
+            (w, dw / std::f64::consts::PI)
+        };
+        nodes.map(map).unzip()
+    }
+
+    /// Complex numbers of a model's gains `G_i [H_i, B_i]`.
+    fn gain_len(&self) -> usize {
+        self.models.first().map_or(0, |m| m.C.nrows() * (m.C.nrows() + m.B.ncols()))
+    }
+
+    fn keep_gains(&mut self) {
+        let (omega, _) = self.frequencies(&self.mesh);
+        let blocks = omega.len().div_ceil(LANES) * self.models.len() * 2 * self.gain_len();
+        if blocks <= KEPT {
+            let mut gains = vec![Block::default(); blocks];
+            simd::dispatch(KeepGains { route: self, omega: &omega, out: &mut gains });
+            self.gains = gains;
         }
     }
-    let mut out = vec![0.0; omega.len() * models.len()];
-    simd::dispatch(Responses { block, models, omega: &omega, out: &mut out });
-    for (values, f) in out.chunks_mut(models.len()).zip(&factor) {
-        for v in values {
-            *v *= f;
+
+    /// `jw`, or `e^{jw}`.
+    #[inline(always)]
+    fn variable<T: Real>(&self, w: T) -> Cx<T> {
+        if self.discrete {
+            let (sin, cos) = sin_cos(w);
+            Cx::new(cos, sin)
+        } else {
+            Cx::new(T::zero(), w)
         }
     }
-    out
 }
 
-/// `tr(W E_i E_i^H)` at given frequencies, frequencies in lanes.
-struct Responses<'a> {
-    block: &'a LoopBlock,
-    models: &'a [&'a PairModel],
+/// The frequencies of lane block `g`; missing lanes repeat the last one.
+#[inline(always)]
+fn lane_of<T: Real>(omega: &[f64], g: usize) -> T {
+    let mut lane = [0.0; LANES];
+    for (l, w) in lane.iter_mut().enumerate().take(T::LANES) {
+        *w = omega[(g * T::LANES + l).min(omega.len() - 1)];
+    }
+    T::load(&lane)
+}
+
+/// Gains of every model at given frequencies.
+struct KeepGains<'a, 'm> {
+    route: &'a Frequency<'m>,
     omega: &'a [f64],
-    out: &'a mut [f64],
+    out: &'a mut [Block],
 }
 
-impl Kernel for Responses<'_> {
+impl Kernel for KeepGains<'_, '_> {
     type Out = ();
 
     #[inline(always)]
     fn run<T: Real>(self) {
-        let n_models = self.models.len();
+        let len = self.route.gain_len();
+        let size = self.route.models.len() * 2 * len;
+        let mut work = ModelWork::<T>::new();
+        let mut flat = vec![T::zero(); 2 * len];
+        for g in 0..self.omega.len().div_ceil(T::LANES) {
+            let s = self.route.variable(lane_of::<T>(self.omega, g));
+            let first = g * T::LANES;
+            let blocks = &mut self.out[first / LANES * size..][..size];
+            for (model, blocks) in self.route.models.iter().zip(blocks.chunks_mut(2 * len)) {
+                work.solve(model, s);
+                for i in 0..len {
+                    (flat[2 * i], flat[2 * i + 1]) = (work.gain[i].re, work.gain[i].im);
+                }
+                simd::store_group(&flat, first % LANES / T::LANES, blocks);
+            }
+        }
+    }
+}
+
+/// Buffers for the gains of a model, frequencies in lanes.
+struct ModelWork<T> {
+    matrix: Vec<Cx<T>>,
+    g: Vec<Cx<T>>,
+    /// `G [H, B]` row by row, NaN where it has none: a pole on the axis.
+    gain: Vec<Cx<T>>,
+}
+
+impl<T: Real> ModelWork<T> {
+    fn new() -> Self {
+        let (matrix, g, gain) = Default::default();
+        Self { matrix, g, gain }
+    }
+
+    /// `C (s I - F)^-1 [H, B]`, by the transposed system with the rows of `C`.
+    #[inline(always)]
+    fn solve(&mut self, model: &PairModel, s: Cx<T>) {
+        let (n, ny, nu) = (model.F.nrows(), model.C.nrows(), model.B.ncols());
+        self.matrix.clear();
+        self.g.clear();
+        for i in 0..n {
+            for j in 0..n {
+                let mut v = Cx::real(T::splat(-model.F[(j, i)]));
+                if i == j {
+                    v = v + s;
+                }
+                self.matrix.push(v);
+            }
+            for j in 0..ny {
+                self.g.push(Cx::real(T::splat(model.C[(j, i)])));
+            }
+        }
+        let ok = cx_solve(Dyn(n), Dyn(ny), &mut self.matrix, &mut self.g);
+        let nan = T::splat(f64::NAN);
+        self.gain.clear();
+        for row in 0..ny {
+            for k in 0..ny + nu {
+                let mut t = Cx::zero();
+                for i in 0..n {
+                    let f = if k < ny { model.H[(i, k)] } else { model.B[(i, k - ny)] };
+                    let (f, g) = (T::splat(f), self.g[i * ny + row]);
+                    t = Cx::new(f.mul_add(g.re, t.re), f.mul_add(g.im, t.im));
+                }
+                self.gain.push(Cx::select(ok, t, Cx::new(nan, nan)));
+            }
+        }
+    }
+}
+
+/// `tr(W E_i E_i^H)` at given frequencies, frequencies in lanes.
+struct Responses<'a, 'm> {
+    route: &'a Frequency<'m>,
+    block: &'a LoopBlock,
+    models: &'a [usize],
+    omega: &'a [f64],
+    /// Gains of all models at these frequencies, or nothing.
+    kept: &'a [Block],
+    out: &'a mut [f64],
+}
+
+impl Kernel for Responses<'_, '_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run<T: Real>(self) {
+        let Responses { route, block, models, omega, kept, out } = self;
+        let len = route.gain_len();
+        let size = route.models.len() * 2 * len;
         let mut scratch = Scratch::<T>::new();
-        for (omega, out) in
-            self.omega.chunks(T::LANES).zip(self.out.chunks_mut(T::LANES * n_models))
-        {
-            let w = T::from_fn(|l| omega[l.min(omega.len() - 1)]);
-            scratch.solve_loop(self.block, w);
-            for (i, model) in self.models.iter().enumerate() {
-                let energy = scratch.error_energy(self.block, model);
-                for l in 0..omega.len() {
-                    out[l * n_models + i] = energy.lane(l);
+        let mut work = ModelWork::<T>::new();
+        let mut flat = vec![T::zero(); 2 * len];
+        for g in 0..omega.len().div_ceil(T::LANES) {
+            let w = lane_of::<T>(omega, g);
+            let s = route.variable(w);
+            scratch.solve_loop(block, w, s);
+            let first = g * T::LANES;
+            for (i, &m) in models.iter().enumerate() {
+                let model = route.models[m];
+                if kept.is_empty() {
+                    work.solve(model, s);
+                } else {
+                    let blocks = &kept[first / LANES * size + m * 2 * len..][..2 * len];
+                    simd::load_group(blocks, first % LANES / T::LANES, &mut flat);
+                    work.gain.clear();
+                    for k in 0..len {
+                        work.gain.push(Cx::new(flat[2 * k], flat[2 * k + 1]));
+                    }
+                }
+                let energy = scratch.error_energy(model, &work.gain, block.nw());
+                for l in 0..T::LANES.min(omega.len() - first) {
+                    out[(first + l) * models.len() + i] = energy.lane(l);
                 }
             }
         }
@@ -234,38 +272,27 @@ impl Kernel for Responses<'_> {
 
 /// Buffers of one lane of frequencies.
 struct Scratch<T: Real> {
-    s: Cx<T>,
     /// Lanes whose loop could be solved.
     ok: T::Mask,
     matrix: Vec<Cx<T>>,
     x: Vec<Cx<T>>,
-    /// `Y` without the direct noise.
+    /// `Y` without the direct noise, rows by noises.
     y: Vec<Cx<T>>,
-    u: Vec<Cx<T>>,
-    gain: Vec<Cx<T>>,
-}
-
-fn constant<T: Real>(x: f64) -> Cx<T> {
-    Cx { re: T::splat(x), im: T::zero() }
+    /// `[Y; U]`, rows by noises.
+    signals: Vec<Cx<T>>,
+    error: Vec<Cx<T>>,
 }
 
 impl<T: Real> Scratch<T> {
     fn new() -> Self {
-        let (matrix, x, y, u, gain) = Default::default();
-        Self { s: constant(0.0), ok: T::Mask::splat(false), matrix, x, y, u, gain }
+        let (matrix, x, y, signals, error) = Default::default();
+        Self { ok: T::Mask::splat(false), matrix, x, y, signals, error }
     }
 
-    /// Solves the loop at `w`: fills `y` and `u` (rows by noises).
+    /// Solves the loop at `w`: fills `y` and `signals`.
     #[inline(always)]
-    fn solve_loop(&mut self, block: &LoopBlock, w: T) {
+    fn solve_loop(&mut self, block: &LoopBlock, w: T, s: Cx<T>) {
         let (np, nw) = (block.np(), block.nw());
-        self.s = match block.time {
-            Time::Continuous => Cx { re: T::zero(), im: w },
-            Time::Discrete { .. } => {
-                let (sin, cos) = sin_cos(w);
-                Cx { re: cos, im: sin }
-            }
-        };
         // e^{-jw tau}
         let shift = block.delayed.as_ref().map(|d| {
             let (sin, cos) = sin_cos(w * T::splat(d.tau));
@@ -274,13 +301,13 @@ impl<T: Real> Scratch<T> {
         self.matrix.clear();
         for i in 0..np {
             for j in 0..np {
-                let mut v = constant(-block.A[(i, j)]);
+                let mut v = real::<T>(-block.A[(i, j)]);
                 if let Some((d, e)) = &shift {
                     let a = T::splat(-d.A[(i, j)]);
                     v = Cx { re: e.re.mul_add(a, v.re), im: e.im.mul_add(a, v.im) };
                 }
                 if i == j {
-                    v = Cx { re: v.re + self.s.re, im: v.im + self.s.im };
+                    v = Cx { re: v.re + s.re, im: v.im + s.im };
                 }
                 self.matrix.push(v);
             }
@@ -288,7 +315,7 @@ impl<T: Real> Scratch<T> {
         self.x.clear();
         for i in 0..np {
             for j in 0..nw {
-                let mut v = constant(block.B[(i, j)]);
+                let mut v = real::<T>(block.B[(i, j)]);
                 if let Some((d, e)) = &shift {
                     let b = T::splat(d.B[(i, j)]);
                     v = Cx { re: e.re.mul_add(b, v.re), im: e.im.mul_add(b, v.im) };
@@ -297,103 +324,55 @@ impl<T: Real> Scratch<T> {
             }
         }
         self.ok = cx_solve(Dyn(np), Dyn(nw), &mut self.matrix, &mut self.x);
-        for (out, c, direct) in
-            [(&mut self.y, &block.Cy, None), (&mut self.u, &block.Cu, Some(&block.Du))]
-        {
-            out.clear();
+        self.y.clear();
+        self.signals.clear();
+        for (c, direct) in [(&block.Cy, &block.Dy), (&block.Cu, &block.Du)] {
             for i in 0..c.nrows() {
                 for j in 0..nw {
-                    let mut v = constant(direct.map_or(0.0, |d| d[(i, j)]));
+                    let mut v = real::<T>(0.0);
                     for k in 0..np {
                         let c = T::splat(c[(i, k)]);
                         let x = self.x[k * nw + j];
                         v = Cx { re: c.mul_add(x.re, v.re), im: c.mul_add(x.im, v.im) };
                     }
-                    out.push(v);
+                    if self.y.len() < block.Cy.nrows() * nw {
+                        self.y.push(v);
+                    }
+                    v.re = v.re + T::splat(direct[(i, j)]);
+                    self.signals.push(v);
                 }
             }
         }
     }
 
-    /// `tr(W E E^H)` of one model.
+    /// `tr(W E E^H)` of one model with the given gains.
     #[inline(always)]
-    fn error_energy(&mut self, block: &LoopBlock, model: &PairModel) -> T {
-        let (n, ny, nu, nw) = (model.F.nrows(), block.Cy.nrows(), block.Cu.nrows(), block.nw());
-        // G = C (s - F)^-1: the transposed system with the rows of C
-        self.matrix.clear();
-        for i in 0..n {
-            for j in 0..n {
-                let mut v = constant(-model.F[(j, i)]);
-                if i == j {
-                    v = Cx { re: v.re + self.s.re, im: v.im + self.s.im };
-                }
-                self.matrix.push(v);
-            }
-        }
-        self.gain.clear();
-        for i in 0..n {
-            for j in 0..ny {
-                self.gain.push(constant(model.C[(j, i)]));
-            }
-        }
-        let ok = self.ok & cx_solve(Dyn(n), Dyn(ny), &mut self.matrix, &mut self.gain);
+    fn error_energy(&mut self, model: &PairModel, gain: &[Cx<T>], nw: usize) -> T {
+        let ny = model.C.nrows();
+        let width = ny + model.B.ncols();
         let mut energy = T::zero();
-        let mut error = vec![constant::<T>(0.0); ny];
         for col in 0..nw {
+            self.error.clear();
             for row in 0..ny {
                 let mut e = self.y[row * nw + col];
-                for (width, from, with_noise) in [(ny, &model.H, true), (nu, &model.B, false)] {
-                    for k in 0..width {
-                        let mut signal =
-                            if with_noise { self.y[k * nw + col] } else { self.u[k * nw + col] };
-                        if with_noise {
-                            signal.re = signal.re + T::splat(block.Dy[(k, col)]);
-                        }
-                        // (G from)_{row, k}
-                        let mut t = constant(0.0);
-                        for i in 0..n {
-                            let f = T::splat(from[(i, k)]);
-                            let g: Cx<T> = self.gain[i * ny + row];
-                            t = Cx { re: f.mul_add(g.re, t.re), im: f.mul_add(g.im, t.im) };
-                        }
-                        e = Cx {
-                            re: t.im.mul_add(signal.im, t.re.neg_mul_add(signal.re, e.re)),
-                            im: t.im.neg_mul_add(signal.re, t.re.neg_mul_add(signal.im, e.im)),
-                        };
-                    }
+                for k in 0..width {
+                    e = gain[row * width + k].neg_mul_add(self.signals[k * nw + col], e);
                 }
-                error[row] = e;
+                self.error.push(e);
             }
             for i in 0..ny {
                 for j in 0..ny {
+                    let (p, q) = (self.error[i], self.error[j]);
                     let w = T::splat(model.W[(i, j)]);
-                    let product = error[i].re.mul_add(error[j].re, error[i].im * error[j].im);
-                    energy = w.mul_add(product, energy);
+                    energy = w.mul_add(p.re.mul_add(q.re, p.im * q.im), energy);
                 }
             }
         }
         // a pole on the axis has no response
-        T::select(ok, energy, T::splat(f64::NAN))
+        T::select(self.ok, energy, T::splat(f64::NAN))
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rule_is_exact_for_polynomials() {
-        for degree in (0..=22).step_by(2) {
-            let values: Vec<f64> = (0..POINTS)
-                .map(|k| {
-                    let at = k.min(POINTS - 1 - k);
-                    let x = if k == at { -NODES[at] } else { NODES[at] };
-                    x.powi(degree)
-                })
-                .collect();
-            let panel = Panel::new(-1.0, 1.0, 0, &values, 1);
-            let exact = 2.0 / f64::from(degree + 1);
-            assert!((panel.integrals[0].value - exact).abs() < 4e-16 * 4.0, "degree {degree}");
-        }
-    }
+fn real<T: Real>(x: f64) -> Cx<T> {
+    Cx::real(T::splat(x))
 }

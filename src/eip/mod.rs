@@ -9,6 +9,7 @@ mod doubling;
 mod engine;
 mod frequency;
 mod modal;
+mod quadrature;
 mod result;
 mod root;
 mod run;

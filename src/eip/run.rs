@@ -9,7 +9,7 @@ use crate::model::Grid;
 use crate::par::{RunControl, try_map_chunks};
 
 /// Plants of one chunk: about a millisecond of work.
-const CHUNK: usize = 64;
+const CHUNK: usize = 128;
 /// Plants whose pairs are computed by both routes where not all are.
 pub(crate) const SAMPLE: usize = 512;
 /// Boundaries are bracketed to this share of the grid's span.

@@ -13,7 +13,11 @@ pub mod solve;
 
 pub mod observer;
 
+pub mod bank;
 pub mod eip;
+pub mod weight;
+
+pub mod engine;
 
 #[cfg(feature = "scenario")]
 pub mod scenario;

@@ -1,0 +1,295 @@
+//! The coefficients of a step: all that does not depend on the data.
+
+use faer::Mat;
+
+use super::continuous;
+use super::covariance::{HALF_LN_2_PI, Predict, Update};
+use super::matrices::{Matrices, Sizes, panel, whitener};
+use super::members::Members;
+use crate::error::{Error, Result};
+use crate::model::{Plant, Time};
+use crate::observer::{self, Observer};
+use crate::simd::{Panel, dispatch};
+
+/// Where the gains come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum GainMode {
+    /// From the steady-state covariance of each model.
+    #[default]
+    Steady,
+    /// From the covariance recursion, starting at `P(0)`.
+    Recursive,
+}
+
+/// How the observers of a bank are run.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// Steady or recursive gains.
+    pub gains: GainMode,
+    /// Seconds between measurements; discrete plants bring their own.
+    pub dt: Option<f64>,
+    /// Norm `W` of the energy `r' W r` that is common to all models, q by q;
+    /// `None` for the identity.
+    pub norm: Option<Mat<f64>>,
+    /// Equal parts of an interval at whose ends the outputs are wanted, for
+    /// Dunn's law as a differential equation; 0 for none.
+    pub parts: usize,
+}
+
+/// What a step needs of every model, eight models to a block.
+#[derive(Debug, Clone)]
+pub struct Coefficients {
+    pub(crate) a: Panel,
+    pub(crate) b: Panel,
+    pub(crate) c: Panel,
+    /// Filter gain; in continuous time the response to a held residual.
+    pub(crate) k: Panel,
+    /// Whitens the residual in the norm of the innovation covariance.
+    pub(crate) w: Panel,
+    /// `-1/2 ln det (2 pi S)`.
+    pub(crate) log_norm: Panel,
+    /// A second norm of the residual and what is taken from its evidence. In
+    /// continuous time `R^-1/2` and `1/2 tr(C L)`, in discrete time the whitener
+    /// of the steady `S` and `1/2 ln det (2 pi S)` (NaN where there is none).
+    pub(crate) white: Panel,
+    pub(crate) bias: Panel,
+}
+
+/// The covariances of all models, and the coefficients that follow from them.
+#[derive(Debug, Clone)]
+pub struct Gains {
+    pub(super) sizes: Sizes,
+    mode: GainMode,
+    pub(super) continuous: bool,
+    /// Seconds between measurements.
+    pub(super) dt: f64,
+    matrices: Matrices,
+    /// `P(k|k)`, or `P(k|k-1)` between prediction and update.
+    p: Panel,
+    /// Steady filters: `P(k|k-1)`, from which the gain for present outputs
+    /// follows.
+    prior: Panel,
+    coefficients: Coefficients,
+    /// True while the gains in `coefficients` are for all outputs.
+    complete: bool,
+    spare: Option<[Panel; 3]>,
+}
+
+impl Gains {
+    /// Designs or starts the filters of `members`.
+    ///
+    /// A model that cannot be used is flagged; its place is taken by the first
+    /// that can.
+    ///
+    /// # Errors
+    /// Of the whole: `Empty`, `Shape`, `InvalidDt`, and `AllFailed` if no model
+    /// can be used.
+    pub fn new(members: &Members, settings: &Settings) -> Result<(Self, Vec<Option<Error>>)> {
+        let mode = settings.gains;
+        let (sizes, mut failures) = members.check()?;
+        let continuous = members.observer.is_continuous();
+        let models = members.plants.len();
+        // a recursion that starts at a given P can do without a steady state
+        let needs_design =
+            |i: usize| continuous || mode == GainMode::Steady || members.initial(i).P.is_none();
+        let chosen: Vec<usize> = (0..models).filter(|&i| failures[i].is_none()).collect();
+        let plants: Vec<Plant> = chosen.iter().map(|&i| members.plants[i].clone()).collect();
+        let mut designs: Vec<Option<Observer>> = vec![None; models];
+        for (&i, design) in chosen.iter().zip(observer::design(members.observer, &plants)) {
+            match design {
+                Ok(design) => designs[i] = Some(design),
+                Err(e) if needs_design(i) => failures[i] = Some(e),
+                Err(_) => {}
+            }
+        }
+        let Some(good) = failures.iter().position(Option::is_none) else {
+            let source = failures.into_iter().flatten().next();
+            return Err(Error::AllFailed {
+                what: "models",
+                count: models,
+                source: Box::new(source.unwrap_or(Error::Empty { what: "models".into() })),
+            });
+        };
+        // a failed model runs as a copy of a good one, its evidence masked
+        let used: Vec<usize> =
+            (0..models).map(|i| if failures[i].is_none() { i } else { good }).collect();
+        let plants: Vec<&Plant> = used.iter().map(|&i| &members.plants[i]).collect();
+        let matrices = Matrices::new(&plants);
+        let dt = interval(plants[0], settings.dt)?;
+        let steady: Vec<Option<&Observer>> = used.iter().map(|&i| designs[i].as_ref()).collect();
+        let start: Vec<Mat<f64>> = used
+            .iter()
+            .zip(&steady)
+            .map(|(&i, design)| match (&members.initial(i).P, design) {
+                (Some(p), _) if mode == GainMode::Recursive => p.clone(),
+                (_, Some(design)) => design.P.clone(),
+                (Some(p), None) => p.clone(),
+                (None, None) => Mat::zeros(sizes.n, sizes.n),
+            })
+            .collect();
+        let p = panel(&start.iter().collect::<Vec<_>>());
+        let (n, q) = (sizes.n, sizes.q);
+        let room = |rows, cols| Panel::new(rows, cols, models);
+        let coefficients = Coefficients {
+            a: matrices.a.clone(),
+            b: matrices.b.clone(),
+            c: matrices.c.clone(),
+            k: room(n, q),
+            w: room(q, q),
+            log_norm: room(1, 1),
+            white: room(q, q),
+            bias: room(1, 1),
+        };
+        let mut gains = Self {
+            sizes,
+            mode,
+            continuous,
+            dt,
+            matrices,
+            prior: p.clone(),
+            p,
+            coefficients,
+            complete: false,
+            spare: None,
+        };
+        if continuous {
+            let designs: Vec<&Observer> = steady.iter().flatten().copied().collect();
+            if mode == GainMode::Recursive {
+                return Err(Error::Conflict {
+                    problem: "a continuous observer with recursive gains".into(),
+                    remedy: "use steady gains, or sample the plant and run Kalman filters".into(),
+                });
+            }
+            let parts = settings.parts.max(1);
+            if settings.parts > 0 && plants.iter().any(|p| p.R != plants[0].R) {
+                return Err(Error::Conflict {
+                    problem: "models with different R under Dunn's differential equation".into(),
+                    remedy: "give all models one R, or use another law".into(),
+                });
+            }
+            continuous::hold(&designs, dt / parts as f64, dt, &mut gains.coefficients)?;
+        } else {
+            for (k, design) in steady.iter().enumerate() {
+                let known = design.and_then(|o| whitener("S", o.S.as_ref()).ok());
+                let turns = 2.0 * q as f64 * HALF_LN_2_PI;
+                let bias = known.as_ref().map_or(f64::NAN, |(_, ln_det)| 0.5 * (ln_det + turns));
+                gains.coefficients.bias.set(k, 0, 0, bias);
+                for (i, j) in (0..q * q).map(|e| (e / q, e % q)) {
+                    let w = known.as_ref().map_or(0.0, |(w, _)| w[(i, j)]);
+                    gains.coefficients.white.set(k, i, j, w);
+                }
+            }
+            gains.coefficients.white.fill_padding();
+            gains.coefficients.bias.fill_padding();
+            gains.update(&vec![true; q]);
+            if mode == GainMode::Steady {
+                gains.complete = true;
+                let c = &gains.coefficients;
+                gains.spare = Some([c.k.clone(), c.w.clone(), c.log_norm.clone()]);
+            } else {
+                gains.p = gains.prior.clone();
+            }
+        }
+        Ok((gains, failures))
+    }
+
+    /// `P <- A P A' + G Q G'`; of no effect on steady filters.
+    pub fn predict(&mut self) {
+        if self.mode == GainMode::Recursive && !self.continuous {
+            dispatch(Predict { sizes: self.sizes, matrices: &self.matrices, p: &mut self.p });
+        }
+    }
+
+    /// Gains and covariances for a measurement of the outputs that are present.
+    pub fn update(&mut self, present: &[bool]) {
+        if self.continuous {
+            return;
+        }
+        let all = present.iter().all(|&p| p);
+        let c = &mut self.coefficients;
+        match (self.mode, &mut self.spare) {
+            (GainMode::Steady, Some(full)) => {
+                if all && self.complete {
+                    return;
+                }
+                let [k, w, log_norm] = full;
+                if all {
+                    c.k.clone_from(k);
+                    c.w.clone_from(w);
+                    c.log_norm.clone_from(log_norm);
+                } else {
+                    dispatch(Update {
+                        sizes: self.sizes,
+                        matrices: &self.matrices,
+                        present,
+                        p: &self.prior,
+                        next: None,
+                        k: &mut c.k,
+                        w: &mut c.w,
+                        log_norm: &mut c.log_norm,
+                    });
+                }
+                self.complete = all;
+            }
+            _ => {
+                self.prior.clone_from(&self.p);
+                dispatch(Update {
+                    sizes: self.sizes,
+                    matrices: &self.matrices,
+                    present,
+                    p: &self.prior,
+                    next: Some(&mut self.p),
+                    k: &mut c.k,
+                    w: &mut c.w,
+                    log_norm: &mut c.log_norm,
+                });
+            }
+        }
+    }
+
+    /// The coefficients of the present step.
+    pub fn coefficients(&self) -> &Coefficients {
+        &self.coefficients
+    }
+
+    /// Covariance of model `i`: `P(k|k)` after an update.
+    pub fn covariance(&self, i: usize) -> Mat<f64> {
+        let mut p = Mat::zeros(self.sizes.n, self.sizes.n);
+        self.covariance_into(i, &mut p);
+        p
+    }
+
+    /// Copies it.
+    pub(super) fn covariance_into(&self, i: usize, p: &mut Mat<f64>) {
+        for r in 0..self.sizes.n {
+            for c in 0..self.sizes.n {
+                p[(r, c)] = self.p.get(i, r, c);
+            }
+        }
+    }
+
+    /// Replaces the covariance of model `i`.
+    pub(super) fn set_covariance(&mut self, i: usize, p: &Mat<f64>) {
+        let n = self.sizes.n;
+        for r in 0..n {
+            for c in 0..n {
+                self.p.set(i, r, c, p[(r, c)]);
+            }
+        }
+        self.p.fill_padding();
+    }
+
+    /// Where the gains come from.
+    pub fn mode(&self) -> GainMode {
+        self.mode
+    }
+}
+
+/// The time between measurements.
+fn interval(plant: &Plant, dt: Option<f64>) -> Result<f64> {
+    match (plant.time, dt) {
+        (Time::Discrete { dt }, _) => Ok(dt),
+        (Time::Continuous, Some(dt)) if dt > 0.0 && dt.is_finite() => Ok(dt),
+        (Time::Continuous, dt) => Err(Error::InvalidDt { dt: dt.unwrap_or(f64::NAN) }),
+    }
+}

@@ -1,0 +1,27 @@
+//! A bank of observers on one measurement stream, models in lanes.
+//!
+//! ```text
+//! discrete     x <- A x + B u                 P <- A P A' + G Q G'
+//!              r = y - C x                    S = C P C' + R,  K = P C' S^-1
+//!              x <- x + K r                   P <- (I - K C) P (I - K C)' + K R K'
+//!
+//! continuous   x <- e^{F h} x + int_0^h e^{F s} ds (L y + B u),   F = A - L C
+//! ```
+//!
+//! Matrices, states and covariances of all models are stored as structures of
+//! arrays, eight models to a block. The covariances do not depend on the data:
+//! [`Gains`] is the recursion that makes the coefficients of a step, [`Bank`]
+//! applies them to the states. No step allocates.
+
+mod advance;
+mod continuous;
+mod covariance;
+mod gains;
+mod matrices;
+mod members;
+mod states;
+mod stream;
+
+pub use gains::{Coefficients, GainMode, Gains, Settings};
+pub use members::{Initial, Members, StartTime};
+pub use stream::{Bank, Step};

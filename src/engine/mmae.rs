@@ -1,0 +1,238 @@
+//! The engine on one measurement stream.
+
+use faer::Mat;
+
+use super::estimate::Estimate;
+use super::mixing::Moments;
+use super::weighting::{Innovation, Mixing, Weighting};
+use crate::bank::{Bank, Members, Settings, Step};
+use crate::error::{Error, Result};
+use crate::weight::{Evidence, Law, OdeNodes, Weights};
+
+/// Multiple-model adaptive estimator: predict, innovate, weigh, fuse.
+#[derive(Debug, Clone)]
+pub struct Mmae {
+    bank: Bank,
+    weights: Weights<f64>,
+    law: Law,
+    innovation: Innovation,
+    mixing: Mixing,
+    moments: Moments,
+    estimate: Estimate,
+    /// Evidence with the members that failed masked.
+    masked: [Vec<f64>; 3],
+    x: Vec<f64>,
+}
+
+impl Mmae {
+    /// Designs the observers and puts bank and weights at their start.
+    ///
+    /// `prior` holds a probability a model, in any common scale.
+    ///
+    /// # Errors
+    /// As [`Bank::new`] and [`Weights::new`]; `Shape` for a prior of the wrong
+    /// length; `Conflict` for a law that does not fit the observers.
+    pub fn new(
+        members: &Members,
+        settings: &Settings,
+        weighting: &Weighting,
+        prior: &[f64],
+    ) -> Result<Self> {
+        let models = members.plants.len();
+        if prior.len() != models && models > 0 {
+            let got = [prior.len(), 1];
+            return Err(Error::Shape { what: "prior".into(), want: [models, 1], got });
+        }
+        weighting.mixing.check()?;
+        let continuous = members.observer.is_continuous();
+        let law = weighting.law;
+        if !continuous && matches!(law, Law::Likelihood | Law::Ode { .. }) {
+            return Err(Error::Conflict {
+                problem: "Dunn's laws on discrete filters".into(),
+                remedy: "use Bayes's law, which is the same posterior for samples".into(),
+            });
+        }
+        if continuous && matches!(weighting.mixing, Mixing::Imm(_)) {
+            return Err(Error::Conflict {
+                problem: "interacting models with continuous observers".into(),
+                remedy: "mix the weights only (markov), or sample the plant".into(),
+            });
+        }
+        let mut settings = settings.clone();
+        if let Law::Ode { substeps } = law {
+            settings.parts = 2 * substeps;
+        }
+        if let Innovation::Common(w) = &weighting.innovation {
+            settings.norm = Some(w.clone());
+        }
+        let bank = Bank::new(members, &settings)?;
+        let transition = weighting.mixing.transition().cloned();
+        let weights = Weights::new(law, weighting.modifiers.clone(), transition, prior)?;
+        let [n, _, q] = bank.sizes();
+        let mut mmae = Self {
+            weights,
+            law,
+            innovation: weighting.innovation.clone(),
+            mixing: weighting.mixing.clone(),
+            moments: Moments::new(models, n),
+            estimate: Estimate::new(models, n, q),
+            masked: [vec![0.0; models], vec![0.0; models], vec![0.0; models]],
+            x: vec![0.0; n],
+            bank,
+        };
+        mmae.restart();
+        Ok(mmae)
+    }
+
+    /// Back to the start.
+    pub fn reset(&mut self) {
+        self.bank.reset();
+        self.weights.reset();
+        self.restart();
+    }
+
+    fn restart(&mut self) {
+        let e = &mut self.estimate;
+        e.step = 0;
+        e.log_lik_models.fill(0.0);
+        e.explained = true;
+        e.log_lik = f64::NAN;
+        for (failed, cause) in e.failed.iter_mut().zip(self.bank.failures()) {
+            *failed = cause.is_some();
+        }
+        for (l, &failed) in self.weights.log_p_mut().iter_mut().zip(&e.failed) {
+            if failed {
+                *l = f64::NEG_INFINITY;
+            }
+        }
+        self.weights.renormalise();
+        self.fuse();
+    }
+
+    /// One measurement: `u` acted since the last one, `y` is what was seen (NaN
+    /// for an output that is missing).
+    ///
+    /// In continuous time both are held from the present time to the next, which
+    /// is where the estimate then stands.
+    ///
+    /// # Errors
+    /// As [`Bank::update`]; the engine is then as before.
+    pub fn step(&mut self, u: &[f64], y: &[f64]) -> Result<&Estimate> {
+        self.bank.check(u, y)?;
+        if self.bank.moves() {
+            if let Mixing::Imm(pi) = &self.mixing {
+                self.moments.interact(&mut self.bank, pi, &self.estimate.p);
+            }
+            self.weights.predict();
+        }
+        self.bank.predict(u);
+        let step = self.bank.update(u, y)?;
+        let seen = y.iter().any(|v| !v.is_nan());
+        self.estimate.nis.copy_from_slice(&step.nis);
+        self.estimate.r.copy_from_slice(&step.r);
+        self.weigh(seen);
+        self.fuse();
+        if let Mixing::Reseed { threshold } = self.mixing {
+            let (p, failed) = (&self.estimate.p, &self.estimate.failed);
+            self.moments.reseed(&mut self.bank, p, |i| p[i] < threshold && !failed[i]);
+        }
+        self.estimate.step += 1;
+        Ok(&self.estimate)
+    }
+
+    /// Moves the weights by what the bank found.
+    fn weigh(&mut self, seen: bool) {
+        let step: &Step = self.bank.last();
+        let e = &mut self.estimate;
+        let [log_lik, increment, energy] = &mut self.masked;
+        for i in 0..e.failed.len() {
+            // a member that ran away is out for good
+            let healthy = step.log_lik[i].is_nan() == step.nis[i].is_nan()
+                && !step.nis[i].is_nan()
+                && self.bank.is_finite(i);
+            e.failed[i] |= !healthy;
+            log_lik[i] = match self.innovation {
+                Innovation::Filter => step.log_lik[i],
+                Innovation::Steady if self.bank.is_continuous() => step.log_lik[i],
+                Innovation::Steady => step.increment[i],
+                Innovation::Common(_) => -0.5 * step.energy[i],
+            };
+            increment[i] = step.increment[i];
+            energy[i] = step.energy[i];
+            if e.failed[i] {
+                (log_lik[i], increment[i], energy[i]) = (f64::NAN, f64::NAN, f64::NAN);
+            }
+        }
+        if !seen {
+            // nothing was measured: nothing is learnt
+            e.log_lik = 0.0;
+            return;
+        }
+        let likelihood = if self.law == Law::Likelihood { &*increment } else { &*log_lik };
+        let before = self.weights.log_p();
+        e.log_lik = match self.law {
+            Law::Bayes | Law::Likelihood | Law::Dwsg { .. } => mixture_log_lik(before, likelihood),
+            Law::Zhang { .. } | Law::Ode { .. } => f64::NAN,
+        };
+        for (total, l) in e.log_lik_models.iter_mut().zip(likelihood) {
+            *total += l;
+        }
+        let dt = if self.bank.is_continuous() { self.bank.dt() } else { 1.0 };
+        let nodes = (!step.h.is_empty()).then(|| OdeNodes { h: &step.h, y: &step.y, dt });
+        e.explained = self.weights.step(&Evidence { log_lik, increment, energy, dt, nodes });
+    }
+
+    /// Fused estimate and figures from weights and states.
+    fn fuse(&mut self) {
+        let e = &mut self.estimate;
+        e.log_p.copy_from_slice(self.weights.log_p());
+        self.weights.p_into(&mut e.p);
+        e.x_hat.fill(0.0);
+        e.best = None;
+        let mut squares = 0.0;
+        for i in 0..e.p.len() {
+            let p = e.p[i];
+            squares += p * p;
+            if e.log_p[i] > e.best.map_or(f64::NEG_INFINITY, |b| e.log_p[b]) {
+                e.best = Some(i);
+            }
+            // a member without weight may hold anything
+            if p > 0.0 {
+                self.bank.x_hat_into(i, &mut self.x);
+                for (sum, &x) in e.x_hat.iter_mut().zip(&self.x) {
+                    *sum = p.mul_add(x, *sum);
+                }
+            }
+        }
+        e.n_eff = 1.0 / squares;
+    }
+
+    /// The estimate after the last measurement, or at the start.
+    pub fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+
+    /// Covariance of the fused estimate, n by n.
+    ///
+    /// ```text
+    /// P = sum p_i (P_i + (x_i - x_hat)(x_i - x_hat)')
+    /// ```
+    pub fn covariance(&mut self) -> Mat<f64> {
+        self.moments.covariance(&self.bank, &self.estimate.p)
+    }
+
+    /// The observers.
+    pub fn bank(&self) -> &Bank {
+        &self.bank
+    }
+}
+
+/// `ln sum p_i l_i` of normalised weights.
+fn mixture_log_lik(log_p: &[f64], log_lik: &[f64]) -> f64 {
+    let terms = || log_p.iter().zip(log_lik).map(|(p, l)| p + l).filter(|t| !t.is_nan());
+    let top = terms().fold(f64::NEG_INFINITY, f64::max);
+    if top == f64::NEG_INFINITY {
+        return top;
+    }
+    top + libm::log(terms().map(|t| libm::exp(t - top)).sum::<f64>())
+}

@@ -1,0 +1,11 @@
+//! The bank engine against published and independently computed numbers.
+
+#[path = "../common/json.rs"]
+mod json;
+
+mod discrete;
+mod filters;
+mod laws;
+mod oscillator;
+mod properties;
+mod statics;

@@ -287,6 +287,32 @@ fn partial_results_exit_0_and_empty_ones_4() {
     assert!(!target.exists());
 }
 
+/// Plants that cannot be built are flagged; a bank or a grid without any that
+/// can is a failure.
+#[test]
+fn failed_plants_and_models_are_told_apart_from_unstable_ones() {
+    let dir = scratch("failed");
+    let damping =
+        |from: &str| changed(&dir, &[("\"-b/M\"", &format!("\"-b/M + 0*sqrt({from})\""))]);
+    let file = damping("L - 1.02");
+    let out = run(&["eip", &file]);
+    assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+    let (shown, err) = (text(&out.stdout), text(&out.stderr));
+    assert!(err.contains("48 of 401 plants cannot be built, the first at L = 0.9"), "{err}");
+    assert!(shown.contains("cannot be built") && !shown.contains("unstable"), "{shown}");
+    assert!(shown.lines().all(|l| l.chars().count() <= 80), "{shown}");
+    let v: Value = serde_json::from_slice(&run(&["eip", &file, "--json"]).stdout).unwrap();
+    assert_eq!(v["failed"].as_array().unwrap().len(), 48);
+    assert_eq!(v["unstable"], serde_json::json!([]));
+    assert!(v["winner"][0].is_null() && v["upsilon"][0][0].is_null());
+    assert!((v["failed_intervals"][0][1].as_f64().unwrap() - 1.02).abs() < 1e-9);
+
+    // no model: only the nominal length, 1.4, is fine
+    let file = damping("0.0001 - (L - 1.4)^2");
+    let err = fails(&["eip", &file], 4);
+    assert!(err.contains("none of the 4 models can be used"), "{err}");
+}
+
 #[test]
 fn numbers_ignore_the_locale() {
     let file = example("pendulum");

@@ -205,7 +205,7 @@ fn pendulum_to_the_last_digits() {
 fn duplicates_failed_models_and_ties() {
     // model 1 stands twice, model 3 cannot be built
     let family =
-        FnFamily::new(&[("k", 1.0)], Names::numbered(2, 1, 1, 1), Time::Continuous, |theta| {
+        FnFamily::new(&[("k", 1.0)], Names::numbered(3, 1, 1, 1), Time::Continuous, |theta| {
             let base = systems::by_name("oscillator").unwrap();
             let mut plant = base.plant(&[1.0, 0.1])?;
             plant.A[(2, 1)] = -theta[0];

@@ -39,6 +39,7 @@ fn texts_read_as_before() {
         ("delays", cases::delays()),
         ("twelve", cases::twelve()),
         ("troubled", cases::troubled()),
+        ("doubtful", cases::doubtful()),
         ("plane", cases::plane([61, 41])),
     ] {
         let path = dir.join(format!("{name}.txt"));
@@ -92,6 +93,16 @@ fn json_tells_what_is_missing() {
     assert_eq!(v["failures"][0]["model"], 1);
     assert!(v["failures"][0]["message"].as_str().unwrap().contains("x_dot"));
     assert_eq!(v["duplicates"], serde_json::json!([{"model": 3, "of": 0}]));
+
+    let v = parsed(&cases::doubtful());
+    assert_eq!(v["failed"].as_array().unwrap().len(), 20);
+    assert!(v["failed"][0]["message"].as_str().unwrap().contains("A[2][1]"));
+    assert_eq!(v["failed_intervals"], serde_json::json!([[0.9987, 1.0488]]));
+    let undecided = &v["undecided"][0];
+    assert_eq!((&undecided["plant"], &undecided["margin"]), (&200.into(), &0.25.into()));
+    assert_eq!(undecided["models"], serde_json::json!([1, 2]));
+    assert_eq!(v["replaced"], 12);
+    assert!(v["winner"][200].is_null());
 
     let v = parsed(&cases::hopeless());
     assert!(v["winner"].as_array().unwrap().iter().all(Value::is_null));

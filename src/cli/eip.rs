@@ -8,7 +8,7 @@ use super::failure::{Failure, say};
 use super::output::{self, Watch};
 use super::progress::Progress;
 use super::signals::Signals;
-use crate::eip::EipSets;
+use crate::eip::{Case, EipSets};
 use crate::error::Error;
 use crate::par::RunControl;
 use crate::real::Tier;
@@ -80,50 +80,66 @@ fn refuse_empty(sets: &EipSets) -> Result<(), Failure> {
         let cause = summary::cause(failure);
         messages.push(format!("model {} ({name}) is unusable: {cause}", i + 1));
     }
-    let unusable = messages.len();
     limit(&mut messages);
-    let plants: Vec<_> = sets.cases.iter().flat_map(|case| &case.unstable).collect();
-    if !plants.is_empty() {
-        let mut unstable: Vec<String> = plants
-            .iter()
-            .take(MANY + 1)
-            .map(|u| {
-                let at = summary::plant_name(sets, u.plant);
-                Error::UnstablePlant { index: u.plant, parameters: at, mode: u.mode }.to_string()
-            })
-            .collect();
-        limit(&mut unstable);
-        messages.extend(unstable);
+    for case in &sets.cases {
+        messages.extend(missing(sets, case));
     }
     let count = summary::count(sets.grid.len(), "plant");
-    let summary = if unusable == sets.models.len() {
-        format!("none of the {} is usable", summary::count(unusable, "model"))
-    } else {
-        format!("none of the {count} has a winner")
-    };
-    messages.push(format!("{summary}: nothing was written"));
+    messages.push(format!("none of the {count} has a winner: nothing was written"));
     Err(Failure::Numerical(messages))
+}
+
+/// Plants without a winner, a line for each reason.
+fn missing(sets: &EipSets, case: &Case) -> Vec<String> {
+    let mut lines = Vec::new();
+    let delay = if sets.cases.len() > 1 {
+        format!(" with delay {}", summary::delay(case.delay))
+    } else {
+        String::new()
+    };
+    let of = |n: usize| format!("{n} of {}{delay}", summary::count(case.winner.len(), "plant"));
+    if let Some(first) = case.unstable.first() {
+        lines.push(format!(
+            "the loop of {} is unstable (first: {}, mode {}): they have no winner",
+            of(case.unstable.len()),
+            summary::plant_name(sets, first.plant),
+            first.mode,
+        ));
+    }
+    if let Some(first) = case.failed.first() {
+        let at = summary::plant_name(sets, first.plant);
+        let cause = summary::plant_cause(&first.error);
+        let n = of(case.failed.len());
+        lines.push(format!("{n} cannot be built, the first at {at}: {cause}"));
+    }
+    if let Some(first) = case.undecided.first() {
+        lines.push(format!(
+            "{} are not decided: neither route vouches for a winner (first: {}, {})",
+            of(case.undecided.len()),
+            summary::plant_name(sets, first.plant),
+            summary::doubt(&first.doubt),
+        ));
+    }
+    lines
 }
 
 /// What a partial result lacks, on the standard error.
 fn warn(sets: &EipSets) {
     for case in &sets.cases {
-        if let Some(first) = case.unstable.first() {
-            let delay = if sets.cases.len() > 1 {
-                format!(" with delay {}", summary::delay(case.delay))
-            } else {
-                String::new()
-            };
+        for line in missing(sets, case) {
+            say("warning", &line);
+        }
+        if case.replaced > 0 {
+            let (n, all) = (case.replaced, case.upsilon.len());
             say(
                 "warning",
                 &format!(
-                    "the loop of {} of {}{delay} is unstable (first: {}, mode {}): they have no winner",
-                    case.unstable.len(),
-                    summary::count(case.winner.len(), "plant"),
-                    summary::plant_name(sets, first.plant),
-                    first.mode,
+                    "{n} of {all} pairs take the frequency integral: the Lyapunov route has lost digits there, or cannot decide"
                 ),
             );
+        }
+        if summary::no_margin(sets, case) {
+            say("warning", "no plant tells the models apart: every margin is zero");
         }
     }
     for (i, model) in sets.models.iter().enumerate() {

@@ -29,6 +29,13 @@ impl Method {
         }
     }
 
+    /// Flops of the search for one boundary: some six batches of eight plants
+    /// with two models, one with all of them.
+    pub(crate) fn flops_per_boundary(np: usize, n: usize, models: usize) -> f64 {
+        let of = |models| 8.0 * Self::flops_per_plant(Method::Doubling, np, n, models);
+        6.0 * of(models.min(2)) + of(models)
+    }
+
     /// Flops of the frequency integral of one plant with all models: some
     /// hundred complex systems, thirty times as many where a delay ripples.
     pub(crate) fn flops_per_check(delay: bool, np: usize, n: usize, models: usize) -> f64 {

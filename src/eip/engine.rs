@@ -34,12 +34,14 @@ pub(crate) enum Flaw {
     Unstable(Mode),
     /// It cannot be built.
     Unbuilt(Error),
+    /// Its loop is on the limit of stability, as near as can be told.
+    Unknown,
 }
 
 /// One case of a study: the models prepared for one delay.
 pub(crate) struct Engine<'a> {
     setup: &'a Setup,
-    delay: f64,
+    pub(crate) delay: f64,
     /// Frequency scale of loop and observers: the Cayley parameter.
     gamma: f64,
     doubling: Doubling,
@@ -268,7 +270,7 @@ impl<'a> Engine<'a> {
             };
             all.push(match stability {
                 Stability::Unstable(mode) => Err(Flaw::Unstable(mode)),
-                Stability::Unknown => Ok(vec![f64::NAN; self.setup.pairs.len()]),
+                Stability::Unknown => Err(Flaw::Unknown),
                 Stability::Stable if proved => {
                     let r = r.as_ref().unwrap_or(nominal);
                     Ok(self.scale(designed, row.iter().copied(), r))

@@ -10,6 +10,7 @@ mod engine;
 mod frequency;
 mod modal;
 mod quadrature;
+mod refine;
 mod result;
 mod root;
 mod run;
@@ -19,7 +20,8 @@ mod study;
 
 pub use crate::observer::ModelSet as Bank;
 pub use result::{
-    Boundary, Case, Convention, EipSets, Interval, Method, Model, Undecidable, Unstable,
+    Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Model, Undecidable,
+    Undecided, Unstable,
 };
 pub use setup::Setup;
 pub use study::{Cost, Study, Verify};

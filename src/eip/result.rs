@@ -39,8 +39,8 @@ pub struct Model {
     pub values: Vec<f64>,
     /// Why the model could not be used; it never wins and its Upsilon is NaN.
     pub failure: Option<Error>,
-    /// Index of an earlier model with the same observer, if any: the earlier
-    /// one wins every tie.
+    /// Index of an earlier model with the same observer to rounding, if any:
+    /// the earlier one wins every tie.
     pub duplicate_of: Option<usize>,
 }
 
@@ -58,7 +58,8 @@ pub struct Interval {
 pub struct Boundary {
     /// Parameter value, refined.
     pub value: f64,
-    /// Width of the bracket plus the difference of the routes over the slope.
+    /// Width of the bracket plus the distance within which the two models
+    /// differ by less than their error estimate.
     pub uncertainty: f64,
     /// Model that wins below.
     pub left: usize,
@@ -79,21 +80,75 @@ pub struct Unstable {
     pub states: String,
 }
 
+/// A plant of the grid that could not be built.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Failed {
+    /// Index on the grid.
+    pub plant: usize,
+    /// Parameter values.
+    pub values: Vec<f64>,
+    /// Why.
+    pub error: Error,
+}
+
+/// A plant with a stationary output error whose winner is withheld: neither
+/// route is accurate enough to name it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Undecided {
+    /// Index on the grid.
+    pub plant: usize,
+    /// Parameter values.
+    pub values: Vec<f64>,
+    /// What is in doubt.
+    pub doubt: Doubt,
+}
+
+/// Why a winner is withheld.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Doubt {
+    /// Models for which neither route gives a number.
+    NoNumber {
+        /// Their indices.
+        models: Vec<usize>,
+    },
+    /// Models that the error estimates do not tell apart.
+    Margin {
+        /// The one with the smallest Upsilon, and those as good, to the errors.
+        models: Vec<usize>,
+        /// By how much the first of them leads the closest.
+        margin: f64,
+        /// The errors of these two, added.
+        error: f64,
+    },
+}
+
+impl Doubt {
+    /// The models in doubt.
+    pub fn models(&self) -> &[usize] {
+        match self {
+            Doubt::NoNumber { models } | Doubt::Margin { models, .. } => models,
+        }
+    }
+}
+
 /// The study for one actuator delay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Case {
     /// Actuator delay in seconds.
     pub delay: f64,
     /// Upsilon, plants by models (models fastest); NaN for plants that are
-    /// unstable and models that failed.
+    /// unstable or failed and models that failed.
     pub upsilon: Vec<f64>,
-    /// Error estimate of each Upsilon: the difference of the two routes where
-    /// both were taken, NaN elsewhere.
+    /// Error estimate of each Upsilon: the difference of the two routes and the
+    /// error of the quadrature where both were taken, the latter alone where
+    /// the frequency integral replaces the Lyapunov route, NaN elsewhere.
     pub error: Vec<f64>,
-    /// Winning model of each plant.
+    /// Winning model of each plant: the first of those within 1e-12 of the
+    /// smallest Upsilon.
     pub winner: Vec<Option<usize>>,
-    /// Upsilon of the runner-up less that of the winner (0 at a tie,
-    /// infinite with one model, NaN where there is no winner).
+    /// Upsilon of the runner-up less that of the winner (0 at a tie, less by
+    /// rounding if need be; infinite with one model, NaN where there is no
+    /// winner).
     pub margin: Vec<f64>,
     /// One parameter: the boundaries, in increasing order.
     pub boundaries: Vec<Boundary>,
@@ -101,13 +156,50 @@ pub struct Case {
     pub sets: Vec<Vec<Interval>>,
     /// One parameter: stretches of the grid where the loop is unstable.
     pub unstable_intervals: Vec<Interval>,
+    /// One parameter: stretches of the grid where the plant cannot be built.
+    pub failed_intervals: Vec<Interval>,
+    /// One parameter: stretches whose winner is withheld, from the last decided
+    /// grid value before to the first one after.
+    pub undecided_intervals: Vec<Interval>,
     /// The unstable plants of the grid.
     pub unstable: Vec<Unstable>,
-    /// Largest difference of the two routes, relative, over the pairs where
-    /// both were taken.
+    /// The plants of the grid that could not be built.
+    pub failed: Vec<Failed>,
+    /// The plants whose winner is withheld.
+    pub undecided: Vec<Undecided>,
+    /// Largest difference of the two routes, relative, over the pairs whose
+    /// Lyapunov value was kept; a plant between two checked ones counts with
+    /// what was found there.
     pub route_difference: f64,
-    /// Number of pairs where both routes were taken.
+    /// Number of pairs where both routes gave a number.
     pub checked_pairs: usize,
+    /// Number of pairs whose Upsilon is the frequency integral's: the Lyapunov
+    /// route had lost its digits there.
+    pub replaced: usize,
+}
+
+impl Case {
+    /// A case of which nothing is known yet.
+    pub(crate) fn empty(delay: f64, plants: usize, models: usize) -> Self {
+        Self {
+            delay,
+            upsilon: Vec::new(),
+            error: Vec::new(),
+            winner: Vec::with_capacity(plants),
+            margin: Vec::with_capacity(plants),
+            boundaries: Vec::new(),
+            sets: vec![Vec::new(); models],
+            unstable_intervals: Vec::new(),
+            failed_intervals: Vec::new(),
+            undecided_intervals: Vec::new(),
+            unstable: Vec::new(),
+            failed: Vec::new(),
+            undecided: Vec::new(),
+            route_difference: 0.0,
+            checked_pairs: 0,
+            replaced: 0,
+        }
+    }
 }
 
 /// A stretch of the parameter whose winner depends on the delay.
@@ -179,8 +271,8 @@ impl EipSets {
     }
 
     /// The model that a plant at `value` is identified as in case `case`, for
-    /// a study of one parameter; `None` outside the grid and where the loop is
-    /// unstable.
+    /// a study of one parameter; `None` outside the grid and where there is no
+    /// winner.
     ///
     /// # Panics
     /// If there is no such case.

@@ -1,245 +1,173 @@
-//! Intervals and boundaries of one parameter, refined between grid points.
+//! Who wins at a plant, and the stretches of one parameter.
 
-use crate::eip::root::{Bracket, bracket, negative_point};
-use crate::eip::{Boundary, Interval, Undecidable};
-use crate::error::Result;
+use crate::eip::{Boundary, Doubt, Interval, Undecidable};
 
-/// Upsilon of every model at one parameter value; `None` where the loop is
-/// unstable.
-pub(crate) type Row = Option<Vec<f64>>;
+/// Models within this share of the smallest Upsilon are taken for equal, and
+/// the first of them wins: models that are the same to rounding then share one
+/// interval instead of taking turns.
+pub(crate) const TIE: f64 = 1e-12;
+/// Two models whose error estimates together are below this share of Upsilon
+/// are trusted even where they come closer than that: a plant on a boundary has
+/// a winner, too, and the estimate of the quadrature is pessimistic.
+const SHARP: f64 = 1e-9;
 
-/// A parameter value that was looked at.
-#[derive(Clone)]
-struct Probe {
-    x: f64,
-    row: Row,
-    winner: Option<usize>,
+/// What is known of a parameter value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// The model of this index wins.
+    Winner(usize),
+    /// The loop is unstable.
+    Unstable,
+    /// The winner is withheld.
+    Undecided,
+    /// The plant cannot be built.
+    Failed,
 }
 
-/// Where the winner changes; `None` for an unstable stretch.
+impl Verdict {
+    pub(crate) fn winner(self) -> Option<usize> {
+        match self {
+            Verdict::Winner(w) => Some(w),
+            _ => None,
+        }
+    }
+}
+
+/// Where the verdict changes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Break {
     pub(crate) value: f64,
-    pub(crate) width: f64,
-    /// Slope of the difference that changes sign.
-    pub(crate) slope: f64,
-    pub(crate) left: Option<usize>,
-    pub(crate) right: Option<usize>,
+    pub(crate) uncertainty: f64,
+    pub(crate) left: Verdict,
+    pub(crate) right: Verdict,
 }
 
-/// The winner of a row: the smallest number, the first of equals; `None` if
-/// all are NaN.
+/// The winner of a row: the first that is equal to the smallest number, to
+/// [`TIE`]; `None` if all are NaN.
 pub(crate) fn winner(row: &[f64]) -> Option<usize> {
-    let mut best: Option<usize> = None;
-    for (i, &v) in row.iter().enumerate() {
-        if !v.is_nan() && best.is_none_or(|b| v < row[b]) {
-            best = Some(i);
-        }
+    let mut least = f64::NAN;
+    for &v in row {
+        least = least.min(v);
     }
-    best
+    row.iter().position(|&v| v <= least + TIE * least.abs())
 }
 
 /// Runner-up less winner, leaving out duplicates of the winner.
 pub(crate) fn margin(row: &[f64], winner: usize, duplicate_of: &[Option<usize>]) -> f64 {
-    let root = |i: usize| duplicate_of[i].unwrap_or(i);
-    row.iter()
-        .enumerate()
-        .filter(|&(i, v)| root(i) != root(winner) && !v.is_nan())
-        .fold(f64::INFINITY, |m, (_, &v)| m.min(v - row[winner]))
-}
-
-/// Finds every change of winner along the grid.
-///
-/// `rows[k]` belongs to `grid[k]`; `evaluate` gives the row at any value
-/// between. Boundaries are bracketed to `width`. Between grid points with one
-/// winner a dip of a rival is looked for where three points show a minimum that
-/// a parabola takes to a tenth of the middle one.
-pub(crate) fn breaks(
-    grid: &[f64],
-    rows: &[Row],
-    width: f64,
-    mut evaluate: impl FnMut(f64) -> Result<Row>,
-) -> Result<Vec<Break>> {
-    let mut probes: Vec<Probe> = Vec::with_capacity(grid.len());
-    let mut dips = Vec::new();
-    for (k, (&x, row)) in grid.iter().zip(rows).enumerate() {
-        probes.push(probe(x, row.clone()));
-        if k >= 2 {
-            dips.extend(dip(&probes[k - 2..], &mut evaluate)?);
+    let mut margin = f64::INFINITY;
+    for (i, &v) in row.iter().enumerate() {
+        if !is_same(winner, i, duplicate_of) && !v.is_nan() {
+            margin = margin.min(v - row[winner]);
         }
     }
-    probes.append(&mut dips);
-    probes.sort_by(|p, q| p.x.total_cmp(&q.x));
-    let mut found = Vec::new();
-    for pair in probes.windows(2) {
-        split(&pair[0], &pair[1], width, &mut evaluate, &mut found)?;
-    }
-    Ok(found)
+    margin
 }
 
-fn probe(x: f64, row: Row) -> Probe {
-    let winner = row.as_deref().and_then(winner);
-    Probe { x, row, winner }
+/// True if two models have the same observer.
+pub(crate) fn is_same(i: usize, j: usize, duplicate_of: &[Option<usize>]) -> bool {
+    duplicate_of[i].unwrap_or(i) == duplicate_of[j].unwrap_or(j)
 }
 
-/// A point near the middle one of three where another model wins.
-fn dip(three: &[Probe], evaluate: &mut impl FnMut(f64) -> Result<Row>) -> Result<Option<Probe>> {
-    let [a, b, c] = three else { return Ok(None) };
-    let Some(w) = b.winner else { return Ok(None) };
-    if a.winner != b.winner || c.winner != b.winner {
-        return Ok(None);
-    }
-    let (Some(ra), Some(rb), Some(rc)) = (&a.row, &b.row, &c.row) else { return Ok(None) };
-    for j in (0..rb.len()).filter(|&j| j != w) {
-        let (d0, d1, d2) = (ra[j] - ra[w], rb[j] - rb[w], rc[j] - rc[w]);
-        let bend = d0 - 2.0 * d1 + d2;
-        // also false for NaN
-        if !(d1 > 0.0 && d1 <= d0 && d1 <= d2 && bend > 0.0) {
-            continue;
-        }
-        if d1 - (d0 - d2).powi(2) / (8.0 * bend) > 0.1 * d1 {
-            continue;
-        }
-        let at =
-            negative_point(a.x, c.x, |x| Ok::<_, crate::Error>(evaluate(x)?.map(|r| r[j] - r[w])))?;
-        if let Some(x) = at {
-            return Ok(Some(probe(x, evaluate(x)?)));
-        }
-    }
-    Ok(None)
-}
-
-/// Finds the changes of winner between two probes, in order.
-fn split(
-    a: &Probe,
-    b: &Probe,
-    width: f64,
-    evaluate: &mut impl FnMut(f64) -> Result<Row>,
-    found: &mut Vec<Break>,
-) -> Result<()> {
-    if a.winner == b.winner {
-        return Ok(());
-    }
-    let small = b.x - a.x <= width.max(2.0 * f64::EPSILON * a.x.abs().max(b.x.abs()));
-    let (Some(i), Some(j)) = (a.winner, b.winner) else {
-        return edge(a, b, width, evaluate, found);
+/// The winner, or why it must be withheld: one of the `designed` models has no
+/// number, or a rival is closer than the errors (NaN: not known, taken for
+/// small) and these are not small themselves.
+pub(crate) fn decide(
+    row: &[f64],
+    error: &[f64],
+    designed: &[usize],
+    duplicate_of: &[Option<usize>],
+) -> Result<usize, Doubt> {
+    let unknown: Vec<usize> = designed.iter().copied().filter(|&i| row[i].is_nan()).collect();
+    let Some(w) = winner(row).filter(|_| unknown.is_empty()) else {
+        return Err(Doubt::NoNumber { models: unknown });
     };
-    let (Some(ra), Some(rb)) = (&a.row, &b.row) else { return Ok(()) };
-    let (fa, fb) = (ra[i] - ra[j], rb[i] - rb[j]);
-    let slope = (fb - fa) / (b.x - a.x);
-    let stop = |x: f64, w: f64| Break { value: x, width: w, slope, left: Some(i), right: Some(j) };
-    if small {
-        found.push(stop(0.5 * (a.x + b.x), b.x - a.x));
-        return Ok(());
-    }
-    let ends = bracket((a.x, fa), (b.x, fb), width, |x| {
-        Ok::<_, crate::Error>(evaluate(x)?.map(|r| r[i] - r[j]))
-    })?;
-    let (low, high) = match ends {
-        Bracket::Root(p, q) => (p, q),
-        Bracket::Undefined(x) => {
-            let middle = probe(x, evaluate(x)?);
-            split(a, &middle, width, evaluate, found)?;
-            return split(&middle, b, width, evaluate, found);
-        }
-    };
-    // the end with the smaller difference is nearer to the root
-    let x = if low.1.abs() <= high.1.abs() { low.0 } else { high.0 };
-    let middle = probe(x, evaluate(x)?);
-    if middle.winner == Some(i) || middle.winner == Some(j) || x <= a.x || x >= b.x {
-        found.push(stop(x, (high.0 - low.0).abs()));
-        return Ok(());
-    }
-    // a third model wins where these two meet
-    split(a, &middle, width, evaluate, found)?;
-    split(&middle, b, width, evaluate, found)
-}
-
-/// Bisects for the end of an unstable stretch.
-fn edge(
-    a: &Probe,
-    b: &Probe,
-    width: f64,
-    evaluate: &mut impl FnMut(f64) -> Result<Row>,
-    found: &mut Vec<Break>,
-) -> Result<()> {
-    let (mut a, mut b) = (a.clone(), b.clone());
-    let (start, end) = (a.clone(), b.clone());
-    while b.x - a.x > width.max(4.0 * f64::EPSILON * a.x.abs().max(b.x.abs())) {
-        let x = 0.5 * (a.x + b.x);
-        let middle = probe(x, evaluate(x)?);
-        let like_a = middle.winner.is_some() == a.winner.is_some();
-        if like_a {
-            a = middle;
-        } else {
-            b = middle;
+    let own = |i: usize| if error[i].is_nan() { 0.0 } else { error[i] };
+    let mut models = vec![w];
+    let mut closest = (f64::INFINITY, 0.0);
+    for &i in designed {
+        let (margin, both) = (row[i] - row[w], own(i) + own(w));
+        let close = margin <= both && both > SHARP * row[w].abs().max(row[i].abs());
+        if close && !is_same(w, i, duplicate_of) {
+            models.push(i);
+            if margin < closest.0 {
+                closest = (margin, both);
+            }
         }
     }
-    let here = Break {
-        value: 0.5 * (a.x + b.x),
-        width: b.x - a.x,
-        slope: f64::INFINITY,
-        left: a.winner,
-        right: b.winner,
-    };
-    // the stable side may change winner on its way to the edge
-    if a.winner.is_some() {
-        split(&start, &a, width, evaluate, found)?;
-        found.push(here);
-        Ok(())
-    } else {
-        found.push(here);
-        split(&b, &end, width, evaluate, found)
+    if models.len() == 1 {
+        return Ok(w);
     }
+    Err(Doubt::Margin { models, margin: closest.0, error: closest.1 })
 }
 
-/// Stretches of the parameter with their winner (`None`: unstable), from the
-/// first grid value to the last.
+/// The winner of `row` and the models that it does not lead by more than their
+/// errors (not known: NaN).
+pub(crate) fn contenders(
+    row: &[f64],
+    error: &[f64],
+    designed: &[usize],
+    duplicate_of: &[Option<usize>],
+) -> Vec<usize> {
+    let Some(w) = winner(row) else { return Vec::new() };
+    let leads = |i: usize| row[i] - row[w] > error[i] + error[w];
+    let close = |i: usize| i != w && !is_same(w, i, duplicate_of) && !leads(i);
+    let mut found: Vec<usize> = designed.iter().copied().filter(|&i| close(i)).collect();
+    if !found.is_empty() {
+        found.push(w);
+    }
+    found
+}
+
+/// Stretches of the parameter with their verdict, from the first grid value to
+/// the last.
 pub(crate) fn stretches(
     grid: &[f64],
-    first: Option<usize>,
+    first: Verdict,
     breaks: &[Break],
-) -> Vec<(Interval, Option<usize>)> {
+) -> Vec<(Interval, Verdict)> {
     let (Some(&from), Some(&to)) = (grid.first(), grid.last()) else { return Vec::new() };
     let mut all = Vec::with_capacity(breaks.len() + 1);
-    let (mut at, mut winner) = (from, first);
+    let (mut at, mut verdict) = (from, first);
     for b in breaks {
-        all.push((Interval { from: at, to: b.value }, winner));
-        (at, winner) = (b.value, b.right);
+        all.push((Interval { from: at, to: b.value }, verdict));
+        (at, verdict) = (b.value, b.right);
     }
-    all.push((Interval { from: at, to }, winner));
+    all.push((Interval { from: at, to }, verdict));
     all
 }
 
-/// The EIP set of each model, as disjoint intervals.
-pub(crate) fn sets(
-    stretches: &[(Interval, Option<usize>)],
-    models: usize,
-) -> (Vec<Vec<Interval>>, Vec<Interval>) {
-    let mut sets = vec![Vec::new(); models];
-    let mut unstable = Vec::new();
-    for &(interval, winner) in stretches {
-        match winner {
-            Some(w) => sets[w].push(interval),
-            None => unstable.push(interval),
-        }
-    }
-    (sets, unstable)
+/// The stretches with a verdict, as disjoint intervals.
+pub(crate) fn intervals(stretches: &[(Interval, Verdict)], of: Verdict) -> Vec<Interval> {
+    stretches.iter().filter(|s| s.1 == of).map(|s| s.0).collect()
 }
 
-/// Boundaries between two winners (ends of unstable stretches are not).
+/// The EIP set of each model, as disjoint intervals.
+pub(crate) fn sets(stretches: &[(Interval, Verdict)], models: usize) -> Vec<Vec<Interval>> {
+    let mut sets = vec![Vec::new(); models];
+    for &(interval, verdict) in stretches {
+        if let Verdict::Winner(w) = verdict {
+            sets[w].push(interval);
+        }
+    }
+    sets
+}
+
+/// Boundaries between two winners (ends of other stretches are not).
 pub(crate) fn boundaries(breaks: &[Break]) -> Vec<Boundary> {
-    breaks
-        .iter()
-        .filter_map(|b| {
-            Some(Boundary { value: b.value, uncertainty: b.width, left: b.left?, right: b.right? })
+    let between = |b: &Break| {
+        Some(Boundary {
+            value: b.value,
+            uncertainty: b.uncertainty,
+            left: b.left.winner()?,
+            right: b.right.winner()?,
         })
-        .collect()
+    };
+    breaks.iter().filter_map(between).collect()
 }
 
 /// Stretches whose winner is not the same in every case that has one; cases
-/// that are unstable there have their own list.
-pub(crate) fn undecidable(cases: &[Vec<(Interval, Option<usize>)>]) -> Vec<Undecidable> {
+/// without a winner there have their own lists.
+pub(crate) fn undecidable(cases: &[Vec<(Interval, Verdict)>]) -> Vec<Undecidable> {
     let mut ends: Vec<f64> = cases.iter().flatten().flat_map(|(i, _)| [i.from, i.to]).collect();
     ends.sort_by(f64::total_cmp);
     ends.dedup();
@@ -247,13 +175,11 @@ pub(crate) fn undecidable(cases: &[Vec<(Interval, Option<usize>)>]) -> Vec<Undec
     for pair in ends.windows(2) {
         let interval = Interval { from: pair[0], to: pair[1] };
         let middle = 0.5 * (interval.from + interval.to);
-        let winners: Vec<Option<usize>> = cases
-            .iter()
-            .map(|case| {
-                case.iter().find(|(i, _)| i.from <= middle && middle <= i.to).and_then(|s| s.1)
-            })
-            .collect();
-        let mut models: Vec<usize> = winners.into_iter().flatten().collect();
+        let winners = cases.iter().map(|case| {
+            let inside = case.iter().find(|(i, _)| i.from <= middle && middle <= i.to);
+            inside.and_then(|s| s.1.winner())
+        });
+        let mut models: Vec<usize> = winners.flatten().collect();
         models.sort_unstable();
         models.dedup();
         if models.len() < 2 {
@@ -267,4 +193,37 @@ pub(crate) fn undecidable(cases: &[Vec<(Interval, Option<usize>)>]) -> Vec<Undec
         }
     }
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_of_equals_wins() {
+        assert_eq!(winner(&[2.0, 1.0 + 1e-14, 1.0, 3.0]), Some(1));
+        assert_eq!(winner(&[2.0, 1.0 + 1e-11, 1.0, 3.0]), Some(2));
+        assert_eq!(winner(&[f64::NAN, -1.0 + 1e-14, -1.0]), Some(1));
+        assert_eq!(winner(&[f64::NAN; 2]), None);
+    }
+
+    #[test]
+    fn a_winner_needs_a_margin_above_the_errors() {
+        let none = [None; 3];
+        let all = [0, 1, 2];
+        assert_eq!(decide(&[1.0, 1.1, 3.0], &[0.01; 3], &all, &none), Ok(0));
+        let doubt = decide(&[1.0, 1.1, 3.0], &[0.01, 0.2, 0.2], &all, &none).unwrap_err();
+        assert_eq!(doubt.models(), [0, 1]);
+        // errors that are small may decide a tie either way
+        assert_eq!(decide(&[1.0, 1.0, 3.0], &[1e-10; 3], &all, &none), Ok(0));
+        assert_eq!(decide(&[1.0, 1.0, 3.0], &[f64::NAN; 3], &all, &none), Ok(0));
+        // a duplicate is no rival
+        let twice = [None, Some(0), None];
+        assert_eq!(decide(&[1.0, 1.0, 3.0], &[0.1; 3], &all, &twice), Ok(0));
+        // a model without a number might win; one that failed does not
+        let row = [1.0, f64::NAN, 3.0];
+        let doubt = decide(&row, &[0.0; 3], &all, &none).unwrap_err();
+        assert_eq!(doubt, Doubt::NoNumber { models: vec![1] });
+        assert_eq!(decide(&row, &[0.0; 3], &[0, 2], &none), Ok(0));
+    }
 }

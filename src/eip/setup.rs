@@ -9,7 +9,8 @@ use crate::eip::study::Study;
 use crate::eip::{Convention, EipSets, Model, run};
 use crate::error::{Error, Result};
 use crate::model::{
-    Controller, DelayForm, Family, LoopBlock, Plant, Shaping, Time, check_shape, describe, sample,
+    Controller, DelayForm, Family, LoopBlock, Plant, Shaping, Time, check_count, check_shape,
+    describe, sample,
 };
 use crate::observer::{self, Observer, ObserverKind};
 use crate::par::RunControl;
@@ -57,6 +58,8 @@ pub struct Setup {
     pub(crate) sampled: Option<f64>,
     pub(crate) controller: Option<Controller>,
     pub(crate) input: Option<Shaping>,
+    /// Orders of the plant block and of the observers.
+    pub(crate) orders: (usize, usize),
     /// Nominal parameter vector and, for each grid axis, its place in it.
     theta: Vec<f64>,
     pub(crate) places: Vec<usize>,
@@ -71,6 +74,7 @@ impl Setup {
         if study.bank.models.is_empty() {
             return Err(Error::Empty { what: "the set of models".into() });
         }
+        let orders = check(&study)?;
         let axes: Vec<String> = study.grid.axes().iter().map(|(n, _)| n.clone()).collect();
         let (theta, places) = places(family, &axes)?;
         let nominal = checked_plant(family, &theta)?;
@@ -100,6 +104,7 @@ impl Setup {
             sampled,
             controller,
             input,
+            orders,
             theta,
             places,
             nominal,
@@ -165,6 +170,12 @@ impl Setup {
                 duplicate_of,
             });
             self.pairs.push(pair);
+        }
+        if let [Model { failure: Some(first), .. }, ..] = &self.models[..]
+            && self.pairs.iter().all(Option::is_none)
+        {
+            let count = self.models.len();
+            return Err(Error::AllFailed { what: "models", count, source: first.clone().into() });
         }
         self.check_weights()
     }
@@ -331,8 +342,29 @@ pub(crate) fn varying_noise() -> Error {
     }
 }
 
+/// Entries of one observer that differ by less, relative, are equal.
+const EQUAL: f64 = 1e-12;
+
+/// Whether two observers are the same to rounding.
+///
+/// An entry is judged by the largest of its row or of its column, whichever is
+/// smaller: units scale rows and columns, and a small entry in small units is
+/// not overlooked.
 fn same(p: &PairModel, q: &PairModel) -> bool {
-    p.A == q.A && p.B == q.B && p.C == q.C && p.H == q.H && p.W == q.W
+    [(&p.A, &q.A), (&p.B, &q.B), (&p.C, &q.C), (&p.H, &q.H), (&p.W, &q.W)]
+        .into_iter()
+        .all(|(p, q)| equal(p, q))
+}
+
+fn equal(p: &Mat<f64>, q: &Mat<f64>) -> bool {
+    let (rows, cols) = (p.nrows(), p.ncols());
+    let size = |i: usize, j: usize| p[(i, j)].abs().max(q[(i, j)].abs());
+    let row: Vec<f64> =
+        (0..rows).map(|i| (0..cols).map(|j| size(i, j)).fold(0.0, f64::max)).collect();
+    let col: Vec<f64> =
+        (0..cols).map(|j| (0..rows).map(|i| size(i, j)).fold(0.0, f64::max)).collect();
+    (0..rows)
+        .all(|i| (0..cols).all(|j| (p[(i, j)] - q[(i, j)]).abs() <= EQUAL * row[i].min(col[j])))
 }
 
 fn places(family: &dyn Family, axes: &[String]) -> Result<(Vec<f64>, Vec<usize>)> {
@@ -353,6 +385,7 @@ fn checked_plant(family: &dyn Family, theta: &[f64]) -> Result<Plant> {
 pub(crate) fn check(study: &Study) -> Result<(usize, usize)> {
     let family = study.family.as_ref();
     let plant = checked_plant(family, &family.theta_with(&[])?)?;
+    check_names(family, &plant)?;
     study.surroundings.check(&plant)?;
     let sampled = sampling(study, plant.time)?;
     check_observer(study.bank.observer, plant.time)?;
@@ -376,6 +409,20 @@ pub(crate) fn check(study: &Study) -> Result<(usize, usize)> {
     };
     let model = plant.nx() + if study.bank.shaping { filter } else { 0 };
     Ok((plant.nx() + filter + outside + delay * plant.nu(), model))
+}
+
+/// Fails unless every channel of the plant has its name.
+fn check_names(family: &dyn Family, plant: &Plant) -> Result<()> {
+    let names = family.names();
+    for (what, names, want) in [
+        ("states", &names.states, plant.nx()),
+        ("inputs", &names.inputs, plant.nu()),
+        ("disturbances", &names.disturbances, plant.nw()),
+        ("outputs", &names.outputs, plant.ny()),
+    ] {
+        check_count(what, names, want)?;
+    }
+    Ok(())
 }
 
 /// Sampling interval where the convention samples a continuous plant.

@@ -17,7 +17,8 @@ pub enum Verify {
     Auto,
     /// Every pair.
     All,
-    /// None: no error estimate.
+    /// None but those that the Lyapunov route has no number for: no error
+    /// estimate, and a loss of digits goes unseen.
     None,
 }
 
@@ -104,7 +105,7 @@ impl Study {
         // the blocks and lanes of a chunk on each thread
         let chunk = (64 + 8 * 100) * (order as u128).pow(2) * 8 * 16;
         let bytes = pairs * 32
-            + plants as u128 * delays as u128 * 64
+            + plants as u128 * (delays as u128 * 64 + 320)
             + 16 * (models as u128).pow(2)
             + chunk;
         if bytes > self.memory_limit {
@@ -128,6 +129,8 @@ impl Study {
             .iter()
             .map(|&delay| Method::flops_per_check(delay > 0.0, order, model_order, models))
             .sum();
+        let search =
+            self.boundaries(models) * Method::flops_per_boundary(order, model_order, models);
         Ok(Cost {
             plants,
             models,
@@ -135,16 +138,32 @@ impl Study {
             order,
             model_order,
             bytes,
-            flops: per_plant * plants as f64 * delays as f64 + second * checked as f64,
+            flops: (per_plant * plants as f64 + search) * delays as f64 + second * checked as f64,
             method,
         })
+    }
+
+    /// Boundaries that a study of one parameter with `models` models is taken
+    /// to have.
+    fn boundaries(&self, models: usize) -> f64 {
+        let searched = self.grid.axes().len() == 1;
+        if searched { models.min(self.grid.len()).saturating_sub(1) as f64 } else { 0.0 }
+    }
+
+    /// The search for boundaries as a number of plants that take as long.
+    pub(crate) fn search_in_plants(&self, (order, model_order): (usize, usize)) -> u64 {
+        let models = self.bank.models.len();
+        let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));
+        let one = Method::flops_per_plant(method, order, model_order, models);
+        let all = self.boundaries(models) * Method::flops_per_boundary(order, model_order, models);
+        (all / one).ceil() as u64
     }
 
     /// Designs the observers and computes what does not depend on the plant.
     ///
     /// # Errors
     /// Bad input: names, shapes, surroundings, a convention that does not fit.
-    /// A model that cannot be designed is no error: it is flagged.
+    /// A model that cannot be designed is flagged; `AllFailed` if none can.
     pub fn prepare(&self) -> Result<Setup> {
         self.cost()?;
         Setup::new(self)
@@ -153,9 +172,10 @@ impl Study {
     /// Runs the study.
     ///
     /// # Errors
-    /// Bad input, a grid over the memory limit, a plant that the family cannot
-    /// build, `Cancelled`. Unstable plants and failed models are reported in
-    /// the result.
+    /// Bad input, a grid over the memory limit, `AllFailed` if no model can be
+    /// designed or no plant built, `Cancelled`. Other failed models, plants that
+    /// are unstable or cannot be built, and winners that neither route can
+    /// vouch for are reported in the result.
     pub fn run(&self, control: &RunControl<'_>) -> Result<EipSets> {
         self.prepare()?.run(control)
     }

@@ -16,6 +16,17 @@ pub fn check_shape(what: &str, m: MatRef<'_, f64>, want: [usize; 2]) -> Result<(
     if got == want { Ok(()) } else { Err(Error::Shape { what: what.into(), want, got }) }
 }
 
+/// Fails with `Conflict` unless there are `want` names of `what`.
+pub(crate) fn check_count(what: &str, names: &[String], want: usize) -> Result<()> {
+    if names.len() == want {
+        return Ok(());
+    }
+    Err(Error::Conflict {
+        problem: format!("{} names of {what} for {want}", names.len()),
+        remedy: "give one name each".into(),
+    })
+}
+
 /// Fails with `NonFinite` at the first NaN or infinite entry.
 pub fn check_finite(what: &str, m: MatRef<'_, f64>) -> Result<()> {
     for row in 0..m.nrows() {

@@ -17,6 +17,7 @@ mod plant;
 mod shaping;
 pub mod systems;
 
+pub(crate) use check::check_count;
 pub use check::{check_covariance, check_finite, check_shape};
 pub(crate) use close::{Around, Closing, psd_factor};
 pub use discretize::{DelayLine, Sampled, pade_delay, sample, van_loan};

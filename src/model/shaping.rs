@@ -4,7 +4,7 @@ use faer::Mat;
 
 use crate::error::{Error, Result};
 use crate::model::Time;
-use crate::model::check::{check_covariance, check_finite, check_shape};
+use crate::model::check::{check_count, check_covariance, check_finite, check_shape};
 use crate::solve::least_stable_mode;
 
 /// A linear filter that colours white noise.
@@ -43,7 +43,7 @@ impl Shaping {
     ///
     /// # Errors
     /// `Empty`, `Shape`, `NonFinite`, `NotSymmetric`, `NotPsd`, with `what` as
-    /// `name.A` and so on.
+    /// `name.A` and so on; `Conflict` unless every state has its name.
     pub fn check(&self, name: &str, n_out: usize) -> Result<()> {
         let (nf, nxi) = (self.nf(), self.B.ncols());
         if nf == 0 {
@@ -59,6 +59,7 @@ impl Shaping {
             check_shape(&what, m.as_ref(), want)?;
             check_finite(&what, m.as_ref())?;
         }
+        check_count(&format!("states of {name}"), &self.states, nf)?;
         check_covariance(&format!("{name}.Q"), self.Q.as_ref(), false)
     }
 

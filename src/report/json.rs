@@ -4,7 +4,10 @@ use std::io::{self, Write};
 
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use crate::eip::{Boundary, Case, Convention, EipSets, Interval, Method, Undecidable, Unstable};
+use crate::eip::{
+    Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Undecidable, Undecided,
+    Unstable,
+};
 
 /// Name and version of the layout.
 pub const SCHEMA: &str = "mmae.eip/1";
@@ -119,9 +122,14 @@ struct CaseFields<'a> {
     sets: Vec<SetFields>,
     unstable: Vec<UnstableFields<'a>>,
     unstable_intervals: Vec<[f64; 2]>,
+    failed: Vec<FailedFields<'a>>,
+    failed_intervals: Vec<[f64; 2]>,
+    undecided: Vec<UndecidedFields<'a>>,
+    undecided_intervals: Vec<[f64; 2]>,
     error: Rows<'a>,
     route_difference: Option<f64>,
     checked_pairs: usize,
+    replaced: usize,
 }
 
 impl<'a> CaseFields<'a> {
@@ -140,9 +148,14 @@ impl<'a> CaseFields<'a> {
                 .collect(),
             unstable: case.unstable.iter().map(UnstableFields::new).collect(),
             unstable_intervals: case.unstable_intervals.iter().map(pair).collect(),
+            failed: case.failed.iter().map(FailedFields::new).collect(),
+            failed_intervals: case.failed_intervals.iter().map(pair).collect(),
+            undecided: case.undecided.iter().map(UndecidedFields::new).collect(),
+            undecided_intervals: case.undecided_intervals.iter().map(pair).collect(),
             error: Rows { data: &case.error, width: n },
             route_difference: (case.checked_pairs > 0).then_some(case.route_difference),
             checked_pairs: case.checked_pairs,
+            replaced: case.replaced,
         }
     }
 }
@@ -185,6 +198,38 @@ impl<'a> UnstableFields<'a> {
     fn new(u: &'a Unstable) -> Self {
         let mode = Mode { re: u.mode.re, im: u.mode.im };
         Self { plant: u.plant, values: &u.values, mode, states: &u.states }
+    }
+}
+
+#[derive(serde::Serialize)]
+struct FailedFields<'a> {
+    plant: usize,
+    values: &'a [f64],
+    message: String,
+}
+
+impl<'a> FailedFields<'a> {
+    fn new(f: &'a Failed) -> Self {
+        Self { plant: f.plant, values: &f.values, message: f.error.to_string() }
+    }
+}
+
+#[derive(serde::Serialize)]
+struct UndecidedFields<'a> {
+    plant: usize,
+    values: &'a [f64],
+    models: &'a [usize],
+    margin: Option<f64>,
+    error: Option<f64>,
+}
+
+impl<'a> UndecidedFields<'a> {
+    fn new(u: &'a Undecided) -> Self {
+        let (margin, error) = match u.doubt {
+            Doubt::Margin { margin, error, .. } => (Some(margin), Some(error)),
+            Doubt::NoNumber { .. } => (None, None),
+        };
+        Self { plant: u.plant, values: &u.values, models: u.doubt.models(), margin, error }
     }
 }
 

@@ -1,6 +1,6 @@
 //! What every report says about a study, derived once from its numbers.
 
-use crate::eip::{Boundary, Case, Convention, EipSets};
+use crate::eip::{Boundary, Case, Convention, Doubt, EipSets};
 use crate::model::{Axis, describe};
 
 /// Share of the plants of the grid that each model wins, in the order of the
@@ -45,6 +45,23 @@ pub fn closest(case: &Case, n_models: usize) -> Option<Closest> {
         .filter(|&(i, u)| i != winner && u.is_finite())
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(Closest { plant, winner, runner_up, margin })
+}
+
+/// Whether no plant with a winner tells two usable models apart: every margin
+/// is zero, or there are only duplicates.
+pub fn no_margin(sets: &EipSets, case: &Case) -> bool {
+    let n = sets.models.len();
+    let usable = sets.models.iter().filter(|m| m.failure.is_none()).count();
+    let mut decided = false;
+    for (plant, &winner) in case.winner.iter().enumerate() {
+        let Some(w) = winner else { continue };
+        let (margin, scale) = (case.margin[plant], case.upsilon[plant * n + w].abs());
+        if margin.is_finite() && margin > 1e-12 * scale {
+            return false;
+        }
+        decided = true;
+    }
+    usable > 1 && decided
 }
 
 /// Smallest and largest Upsilon of each model over the plants it wins.
@@ -107,6 +124,42 @@ pub fn undecided(sets: &EipSets, plant: usize) -> bool {
 pub fn plant_name(sets: &EipSets, plant: usize) -> String {
     let names: Vec<String> = sets.grid.axes().iter().map(|(name, _)| name.clone()).collect();
     rounded(&names, &sets.grid.point(plant), 10)
+}
+
+/// Parameter values of the plants from `first` to `last` of a run of the grid,
+/// to six digits: `L = 1.1 .. 1.3`, or those of the first.
+pub(crate) fn plants_name(sets: &EipSets, first: usize, last: usize) -> String {
+    let names: Vec<String> = sets.grid.axes().iter().map(|(name, _)| name.clone()).collect();
+    let at = rounded(&names, &sets.grid.point(first), 6);
+    match sets.grid.axes() {
+        _ if last == first => at,
+        [(_, axis)] => format!("{at} .. {}", super::significant(axis.value(last), 6)),
+        _ => format!("{at} .."),
+    }
+}
+
+/// Why a winner is withheld.
+pub fn doubt(doubt: &Doubt) -> String {
+    let number = |v: f64| super::significant(v, 2);
+    match doubt {
+        Doubt::NoNumber { models } => {
+            format!("no route gives model {} a number", numbers(models, ", "))
+        }
+        Doubt::Margin { models, margin, error } => format!(
+            "models {} differ by {}, with an error of {}",
+            numbers(models, ", "),
+            number(*margin),
+            number(*error),
+        ),
+    }
+}
+
+/// What is wrong with a plant, without the values that the caller prints.
+pub(crate) fn plant_cause(failure: &crate::Error) -> &crate::Error {
+    match failure {
+        crate::Error::Plant { source, .. } => source,
+        other => other,
+    }
 }
 
 /// `Ito convention`, `Baram convention, dt = 0.001 s`, and so on.

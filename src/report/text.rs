@@ -1,6 +1,6 @@
 //! The study as a text that reads well in 80 columns.
 
-use crate::eip::{Case, EipSets, Method};
+use crate::eip::{Case, EipSets, Interval, Method};
 use crate::report::layout::{Table, WIDTH, left, line, right, shorten};
 use crate::report::summary::{self, count, numbers};
 use crate::report::{plain, significant};
@@ -31,6 +31,11 @@ pub fn render(sets: &EipSets) -> String {
         boundaries(&mut out, sets, case);
         closest(&mut out, sets, case);
         unstable(&mut out, sets, case);
+        failed(&mut out, sets, case);
+        undecided(&mut out, sets, case);
+        if summary::no_margin(sets, case) {
+            line(&mut out, "\nNo plant tells the models apart: every margin is zero.");
+        }
     }
     undecidable(&mut out, sets);
     bad_models(&mut out, sets);
@@ -167,27 +172,76 @@ fn unstable(out: &mut String, sets: &EipSets, case: &Case) {
             case.winner.len(),
         ),
     );
-    if !case.unstable_intervals.is_empty() {
-        let name = &sets.grid.axes()[0].0;
-        let stretches: Vec<String> = case
-            .unstable_intervals
-            .iter()
-            .map(|s| format!("[{}, {}]", significant(s.from, 10), significant(s.to, 10)))
-            .collect();
-        line(out, &format!("Stretches of {name}: {}.", stretches.join(", ")));
-    }
+    stretches(out, sets, &case.unstable_intervals);
     let mut table = Table::default();
     table.row(vec![right("plant"), left("at"), left("mode"), left("states")]);
-    for u in case.unstable.iter().take(LONG) {
+    let runs = case.unstable.chunk_by(|a, b| b.plant == a.plant + 1 && a.states == b.states);
+    for run in runs.clone().take(LONG) {
+        let (first, last) = (&run[0], &run[run.len() - 1]);
         table.row(vec![
-            right(&u.plant.to_string()),
-            left(&shorten(&summary::plant_name(sets, u.plant), 30)),
-            left(&u.mode.to_string()),
-            left(&shorten(&u.states, 20)),
+            right(&indices(first.plant, last.plant)),
+            left(&shorten(&summary::plants_name(sets, first.plant, last.plant), 28)),
+            left(&first.mode.to_string()),
+            left(&shorten(&first.states, 20)),
         ]);
     }
     table.print(out);
-    cut(out, case.unstable.len(), LONG);
+    cut(out, runs.count(), LONG);
+}
+
+fn failed(out: &mut String, sets: &EipSets, case: &Case) {
+    if case.failed.is_empty() {
+        return;
+    }
+    out.push('\n');
+    let (n, all) = (count(case.failed.len(), "plant"), case.winner.len());
+    line(out, &format!("{n} of {all} cannot be built; they have no Upsilon and no winner."));
+    stretches(out, sets, &case.failed_intervals);
+    let runs = case.failed.chunk_by(|a, b| b.plant == a.plant + 1);
+    for run in runs.clone().take(LONG) {
+        let (first, last) = (&run[0], &run[run.len() - 1]);
+        let at = summary::plants_name(sets, first.plant, last.plant);
+        let (which, cause) = (indices(first.plant, last.plant), summary::plant_cause(&first.error));
+        line(out, &format!("Plant {which} ({at}): {cause}."));
+    }
+    cut(out, runs.count(), LONG);
+}
+
+fn undecided(out: &mut String, sets: &EipSets, case: &Case) {
+    if case.undecided.is_empty() {
+        return;
+    }
+    out.push('\n');
+    let (n, all) = (count(case.undecided.len(), "plant"), case.winner.len());
+    line(out, &format!("Not decided: {n} of {all}; neither route vouches for a winner."));
+    stretches(out, sets, &case.undecided_intervals);
+    let runs = case
+        .undecided
+        .chunk_by(|a, b| b.plant == a.plant + 1 && a.doubt.models() == b.doubt.models());
+    for run in runs.clone().take(LONG) {
+        let (first, last) = (&run[0], &run[run.len() - 1]);
+        let at = summary::plants_name(sets, first.plant, last.plant);
+        let which = indices(first.plant, last.plant);
+        line(out, &format!("Plant {which} ({at}): {}.", summary::doubt(&first.doubt)));
+    }
+    cut(out, runs.count(), LONG);
+}
+
+fn stretches(out: &mut String, sets: &EipSets, intervals: &[Interval]) {
+    if intervals.is_empty() {
+        return;
+    }
+    let name = &sets.grid.axes()[0].0;
+    let stretches: Vec<String> = intervals
+        .iter()
+        .map(|s| format!("[{}, {}]", significant(s.from, 10), significant(s.to, 10)))
+        .collect();
+    line(out, &format!("Stretches of {name}: {}.", stretches.join(", ")));
+}
+
+/// `5`, or `5 .. 7`.
+fn indices(first: usize, last: usize) -> String {
+    if first == last { first.to_string() } else { format!("{first} .. {last}") }
 }
 
 fn undecidable(out: &mut String, sets: &EipSets) {
@@ -286,8 +340,20 @@ fn routes(out: &mut String, sets: &EipSets) {
     let checked: usize = sets.cases.iter().map(|c| c.checked_pairs).sum();
     let pairs: usize = sets.cases.iter().map(|c| c.upsilon.len()).sum();
     let largest = sets.cases.iter().map(|c| c.route_difference).fold(0.0, f64::max);
+    let replaced: usize = sets.cases.iter().map(|c| c.replaced).sum();
     let method = method_name(sets.method);
     out.push('\n');
+    if replaced > 0 {
+        line(
+            out,
+            &format!(
+                "{replaced} of {pairs} pairs take the frequency integral: the Lyapunov route has lost digits there, or cannot decide."
+            ),
+        );
+    }
+    if checked == replaced && replaced > 0 {
+        return;
+    }
     if checked == 0 {
         line(
             out,
@@ -300,7 +366,8 @@ fn routes(out: &mut String, sets: &EipSets) {
         line(
             out,
             &format!(
-                "Lyapunov route ({method}) and frequency integral {} {} (relative) over {checked} of {pairs} pairs.",
+                "{}Lyapunov route ({method}) and frequency integral {} {} (relative) over {checked} of {pairs} pairs.",
+                if replaced > 0 { "Elsewhere " } else { "" },
                 if agree { "agree to" } else { "DIFFER by up to" },
                 significant(largest, 2),
             ),

@@ -6,7 +6,8 @@
 
 use mmae::Error;
 use mmae::eip::{
-    Boundary, Case, Convention, EipSets, Interval, Method, Model, Undecidable, Unstable,
+    Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Model, Undecidable,
+    Undecided, Unstable,
 };
 use mmae::error::Eigenvalue;
 use mmae::model::{Axis, Grid};
@@ -61,9 +62,14 @@ pub(crate) fn line_case(
         boundaries: vec![],
         sets: vec![],
         unstable_intervals: vec![],
+        failed_intervals: vec![],
+        undecided_intervals: vec![],
         unstable: vec![],
+        failed: vec![],
+        undecided: vec![],
         route_difference: 4.1e-13,
         checked_pairs: values.len() * n,
+        replaced: 0,
     };
     for (plant, &v) in values.iter().enumerate() {
         let row: Vec<f64> = (0..n)
@@ -231,6 +237,38 @@ pub(crate) fn troubled() -> EipSets {
     sets
 }
 
+/// Plants that cannot be built, and some that neither route decides.
+pub(crate) fn doubtful() -> EipSets {
+    let mut sets = pendulum();
+    let n = sets.models.len();
+    let case = &mut sets.cases[0];
+    for plant in (40..60).chain(200..203) {
+        let values = vec![sets.grid.point(plant)[0]];
+        if plant < 60 {
+            let source = Error::NonFinite { what: "A".into(), row: 2, col: 1 };
+            let parameters = format!("L = {}", values[0]);
+            let error = Error::Plant { parameters, source: Box::new(source) };
+            case.failed.push(Failed { plant, values, error });
+            case.upsilon[plant * n..][..n].fill(f64::NAN);
+            case.error[plant * n..][..n].fill(f64::NAN);
+        } else {
+            let doubt = Doubt::Margin { models: vec![1, 2], margin: 0.25, error: 1.5 };
+            case.undecided.push(Undecided { plant, values, doubt });
+        }
+        case.winner[plant] = None;
+        case.margin[plant] = f64::NAN;
+    }
+    case.failed_intervals = vec![Interval { from: 0.9987, to: 1.0488 }];
+    case.undecided_intervals = vec![Interval { from: 1.3975, to: 1.4075 }];
+    case.boundaries.remove(1);
+    case.sets[0] =
+        vec![Interval { from: 0.9, to: 0.9987 }, Interval { from: 1.0488, to: BOUNDARIES[0] }];
+    case.sets[1][0].to = 1.3975;
+    case.sets[2][0].from = 1.4075;
+    case.replaced = 12;
+    sets
+}
+
 /// One model alone.
 pub(crate) fn single() -> EipSets {
     let axis = pendulum_axis();
@@ -356,6 +394,7 @@ pub(crate) fn all() -> Vec<(&'static str, EipSets)> {
         ("wide_delays", wide_delays()),
         ("twelve", twelve()),
         ("troubled", troubled()),
+        ("doubtful", doubtful()),
         ("single", single()),
         ("hopeless", hopeless()),
         ("lone_plant", lone_plant()),

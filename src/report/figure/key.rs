@@ -57,7 +57,14 @@ impl Plane<'_> {
         if sets.cases[0].winner.iter().any(Option::is_none) {
             y += 27.0;
             let swatch = Area { x, y: y - 13.0, w: 22.0, h: 15.0 };
-            let text = if winners.is_empty() { "no winner anywhere" } else { "unstable loop" };
+            let case = &sets.cases[0];
+            let text = if winners.is_empty() {
+                "no winner anywhere"
+            } else if case.failed.is_empty() && case.undecided.is_empty() {
+                "unstable loop"
+            } else {
+                "no winner"
+            };
             group = group.add(swatch.frame().set("fill", canvas::UNSTABLE)).add(canvas::text(
                 x + 29.0,
                 y,

@@ -1,0 +1,372 @@
+//! Where the verdict changes along one parameter, between the grid points.
+//!
+//! Every cell of the grid is searched on its own, cells in parallel. Probes go
+//! eight at a time, the lanes of one plant group, and between two winners with
+//! these two models only; all models are looked at where a boundary is accepted.
+
+use crate::eip::engine::{Engine, Flaw};
+use crate::eip::root::{self, Bracket};
+use crate::eip::run::{DIFFER, Plants};
+use crate::eip::sets::{self, Break, TIE, Verdict};
+use crate::eip::setup::Setup;
+use crate::eip::study::Verify;
+use crate::error::{Error, Result};
+use crate::par::{RunControl, try_map_chunks};
+
+/// Boundaries are bracketed to this share of the grid's span or of the values
+/// there, whichever is smaller.
+const BRACKET: f64 = 1e-13;
+/// A dip is looked for where a parabola takes a rival to this share of its lead.
+const DIP: f64 = 0.25;
+/// The parabola's minimum may lie this share of a cell outside of it.
+const BESIDE: f64 = 0.2;
+/// Rounding of a Lyapunov route that is in order, in units of the last place.
+const ROUNDING: f64 = 64.0;
+/// A relative difference of the routes at a boundary above which the frequency
+/// integral knows better; with a delay, where the Pade approximation differs by
+/// its nature and the integral is dear, [`DIFFER`].
+const WORSE: f64 = 1e-9;
+/// Searches inside each other, at most.
+const DEPTH: u32 = 40;
+
+/// What a cell's search needs.
+pub(crate) struct Refiner<'a, 'e> {
+    pub(crate) setup: &'a Setup,
+    pub(crate) engine: &'a Engine<'e>,
+    pub(crate) control: &'a RunControl<'a>,
+    /// Grid values, and what was found there.
+    pub(crate) values: &'a [f64],
+    pub(crate) plants: &'a Plants,
+    pub(crate) duplicate_of: &'a [Option<usize>],
+}
+
+/// A parameter value that was looked at.
+#[derive(Clone)]
+struct Probe {
+    x: f64,
+    /// Upsilon of every model, empty where there is none.
+    row: Vec<f64>,
+    verdict: Verdict,
+}
+
+/// A cell that needs a search: the left grid point, and rivals that may dip
+/// below the winner of both ends.
+struct Cell {
+    at: usize,
+    rivals: Vec<usize>,
+}
+
+impl Refiner<'_, '_> {
+    /// Every change of verdict, in increasing order.
+    ///
+    /// # Errors
+    /// A mistake in the study, `Cancelled`.
+    pub(crate) fn breaks(&self) -> Result<Vec<Break>> {
+        let cells: Vec<Cell> = (1..self.values.len()).filter_map(|k| self.cell(k - 1)).collect();
+        let found = try_map_chunks(self.control, cells.len(), 1, |range| {
+            let mut found = Vec::new();
+            for cell in &cells[range] {
+                let ends = [cell.at, cell.at + 1];
+                let exact = ends.iter().any(|&k| self.plants.by_frequency[k]);
+                let mut search = Search { refiner: self, exact, found: Vec::new() };
+                if search.run(cell)? == Trust::Lost && !exact {
+                    search = Search { refiner: self, exact: true, found: Vec::new() };
+                    search.run(cell)?;
+                }
+                found.append(&mut search.found);
+            }
+            Ok(found)
+        })?;
+        Ok(found.concat())
+    }
+
+    /// The cell to the right of grid point `at`, if there is something to look
+    /// for.
+    fn cell(&self, at: usize) -> Option<Cell> {
+        let (a, b) = (self.plants.verdict[at], self.plants.verdict[at + 1]);
+        if a != b {
+            return Some(Cell { at, rivals: Vec::new() });
+        }
+        let w = a.winner()?;
+        let rivals = self.engine.designed.iter().copied();
+        let rivals: Vec<usize> = rivals
+            .filter(|&j| !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j))
+            .collect();
+        (!rivals.is_empty()).then_some(Cell { at, rivals })
+    }
+
+    /// Whether the lead of `w` over `j` may vanish inside a cell: judged by the
+    /// parabolas through its ends and the grid point before, or the one after.
+    fn dips(&self, at: usize, w: usize, j: usize) -> bool {
+        let lead = |k: usize| {
+            let row = self.plants.row(k);
+            (self.values[k], row[j] - row[w])
+        };
+        let (p, q) = (lead(at), lead(at + 1));
+        let beside = BESIDE * (q.0 - p.0);
+        let low = |third: Option<usize>| {
+            let Some(r) = third.filter(|&k| k < self.values.len()).map(lead) else { return false };
+            root::vertex(p, q, r).is_some_and(|(x, y)| {
+                x >= p.0 - beside && x <= q.0 + beside && y <= DIP * p.1.min(q.1)
+            })
+        };
+        low(at.checked_sub(1)) || low(Some(at + 2))
+    }
+
+    fn grid_probe(&self, k: usize) -> Probe {
+        let (x, verdict) = (self.values[k], self.plants.verdict[k]);
+        Probe { x, row: self.plants.row(k).to_vec(), verdict }
+    }
+
+    fn width(&self, a: f64, b: f64) -> f64 {
+        let span = self.values[self.values.len() - 1] - self.values[0];
+        BRACKET * span.min(a.abs().max(b.abs()))
+    }
+}
+
+/// Whether the Lyapunov route was good enough for a cell.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Trust {
+    Kept,
+    Lost,
+}
+
+/// The search of one cell.
+struct Search<'a, 'e> {
+    refiner: &'a Refiner<'a, 'e>,
+    /// Upsilon by the frequency integral: the Lyapunov route has lost its
+    /// digits here.
+    exact: bool,
+    found: Vec<Break>,
+}
+
+impl Search<'_, '_> {
+    fn run(&mut self, cell: &Cell) -> Result<Trust> {
+        let mut probes = vec![self.refiner.grid_probe(cell.at)];
+        let end = self.refiner.grid_probe(cell.at + 1);
+        if let Some(w) = end.verdict.winner() {
+            for &j in &cell.rivals {
+                let lead = |p: &Probe| (p.x, p.row[j] - p.row[w]);
+                let (a, b) = (lead(&probes[0]), lead(&end));
+                if let Some(x) = root::negative_point(a, b, |xs| self.differences(xs, j, w))? {
+                    probes.push(self.probe(x)?);
+                }
+            }
+        }
+        probes.push(end);
+        probes.sort_by(|p, q| p.x.total_cmp(&q.x));
+        for pair in probes.windows(2) {
+            if self.split(&pair[0], &pair[1], 0)? == Trust::Lost {
+                return Ok(Trust::Lost);
+            }
+        }
+        Ok(Trust::Kept)
+    }
+
+    /// Finds the changes of verdict between two probes, in order.
+    fn split(&mut self, a: &Probe, b: &Probe, depth: u32) -> Result<Trust> {
+        let (left, right) = (a.verdict, b.verdict);
+        match (left, right) {
+            _ if left == right => Ok(Trust::Kept),
+            // what is withheld stays so up to the next value that is not
+            (_, Verdict::Undecided) => {
+                self.found.push(Break { value: a.x, uncertainty: b.x - a.x, left, right });
+                Ok(Trust::Kept)
+            }
+            (Verdict::Undecided, _) => {
+                self.found.push(Break { value: b.x, uncertainty: b.x - a.x, left, right });
+                Ok(Trust::Kept)
+            }
+            (Verdict::Winner(i), Verdict::Winner(j)) => self.crossing(a, b, [i, j], depth),
+            _ => self.edge(a, b, depth),
+        }
+    }
+
+    /// The boundary between a plant that `i` wins and one that `j` wins.
+    fn crossing(&mut self, a: &Probe, b: &Probe, [i, j]: [usize; 2], depth: u32) -> Result<Trust> {
+        let (fa, fb) = (a.row[i] - a.row[j], b.row[i] - b.row[j]);
+        // a winner by a tie may be behind by rounding: the boundary is there
+        let (mut x, mut width) = (if fa < 0.0 { b.x } else { a.x }, 0.0);
+        if fa < 0.0 && fb > 0.0 {
+            let ends = root::bracket((a.x, fa), (b.x, fb), self.refiner.width(a.x, b.x), |xs| {
+                self.differences(xs, i, j)
+            })?;
+            match ends {
+                Bracket::Root(low, high) => {
+                    // the end with the smaller difference is nearer to the root
+                    x = if low.1.abs() <= high.1.abs() { low.0 } else { high.0 };
+                    width = high.0 - low.0;
+                }
+                Bracket::Undefined(x) => {
+                    let middle = self.probe(x)?;
+                    return self.both(a, &middle, b, depth);
+                }
+            }
+        }
+        let middle = self.probe(x)?;
+        let third = middle.verdict.winner().is_some_and(|w| {
+            let least = middle.row[i].min(middle.row[j]);
+            w != i && w != j && middle.row[w] < least - TIE * least.abs()
+        });
+        if third && x > a.x && x < b.x && depth < DEPTH {
+            // a third model wins where these two meet
+            return self.both(a, &middle, b, depth);
+        }
+        let Some(error) = self.error(&middle, i, j)? else { return Ok(Trust::Lost) };
+        let refiner = self.refiner;
+        let ends = (refiner.values[0], refiner.values[refiner.values.len() - 1]);
+        let reach = root::reach(x, error, b.x - a.x, ends, |xs| self.differences(xs, i, j))?;
+        let (left, right) = (a.verdict, b.verdict);
+        self.found.push(Break { value: x, uncertainty: width + reach, left, right });
+        Ok(Trust::Kept)
+    }
+
+    fn both(&mut self, a: &Probe, middle: &Probe, b: &Probe, depth: u32) -> Result<Trust> {
+        if depth >= DEPTH || middle.x <= a.x || middle.x >= b.x {
+            let (left, right) = (a.verdict, b.verdict);
+            self.found.push(Break { value: middle.x, uncertainty: b.x - a.x, left, right });
+            return Ok(Trust::Kept);
+        }
+        if self.split(a, middle, depth + 1)? == Trust::Lost {
+            return Ok(Trust::Lost);
+        }
+        self.split(middle, b, depth + 1)
+    }
+
+    /// The end of a stretch that is unstable or cannot be built.
+    fn edge(&mut self, a: &Probe, b: &Probe, depth: u32) -> Result<Trust> {
+        let start = kind(a.verdict);
+        let (mut low, mut high) = (a.x, b.x);
+        while high - low
+            > self.refiner.width(a.x, b.x).max(4.0 * f64::EPSILON * low.abs().max(high.abs()))
+        {
+            let points = root::sections(low, high);
+            for (&x, found) in points.iter().zip(self.kinds(&points)?) {
+                if found != start {
+                    high = x;
+                    break;
+                }
+                low = x;
+            }
+        }
+        let known = |end: &Probe, x: f64| if end.x == x { Ok(end.clone()) } else { self.probe(x) };
+        let (p, q) = (known(a, low)?, known(b, high)?);
+        // the stable side may change winner on its way to the edge
+        if self.split(a, &p, depth + 1)? == Trust::Lost {
+            return Ok(Trust::Lost);
+        }
+        let (value, uncertainty) = (0.5 * (low + high), high - low);
+        self.found.push(Break { value, uncertainty, left: p.verdict, right: q.verdict });
+        if depth >= DEPTH { Ok(Trust::Kept) } else { self.split(&q, b, depth + 1) }
+    }
+
+    /// Error of the difference of two models at a boundary; `None` if the
+    /// Lyapunov route turns out to have lost its digits there.
+    fn error(&self, at: &Probe, i: usize, j: usize) -> Result<Option<f64>> {
+        let rounding = ROUNDING * f64::EPSILON * (at.row[i].abs() + at.row[j].abs());
+        let rounding = if rounding.is_nan() { 0.0 } else { rounding };
+        if !self.exact && self.refiner.setup.study.verify == Verify::None {
+            return Ok(Some(rounding));
+        }
+        let theta = self.refiner.setup.theta_at(&[at.x]);
+        let (second, quadrature) =
+            self.refiner.engine.frequency_row(&theta, &[i.min(j), i.max(j)])?;
+        if at.row.is_empty() {
+            return Ok(Some(rounding));
+        }
+        let both = quadrature[i] + quadrature[j];
+        if self.exact {
+            return Ok(Some(rounding + both));
+        }
+        let limit = if self.refiner.engine.delay > 0.0 { DIFFER } else { WORSE };
+        for k in [i, j] {
+            let relative = (at.row[k] - second[k]).abs() / at.row[k].abs();
+            if relative > limit {
+                return Ok(None);
+            }
+        }
+        let difference = (at.row[i] - at.row[j]) - (second[i] - second[j]);
+        Ok(Some(rounding + both + difference.abs()))
+    }
+
+    fn thetas(&self, xs: &[f64]) -> Result<Vec<Vec<f64>>> {
+        if self.refiner.control.is_cancelled() {
+            return Err(Error::Cancelled);
+        }
+        Ok(xs.iter().map(|&x| self.refiner.setup.theta_at(&[x])).collect())
+    }
+
+    /// Upsilon of `i` less that of `j`, `None` where there is none.
+    fn differences(&self, xs: &[f64], i: usize, j: usize) -> Result<Vec<Option<f64>>> {
+        let thetas = self.thetas(xs)?;
+        let two = [i.min(j), i.max(j)];
+        let engine = self.refiner.engine;
+        let mut all = Vec::with_capacity(xs.len());
+        for (outcome, theta) in engine.accurate_rows(&thetas, &two)?.into_iter().zip(&thetas) {
+            let Ok(mut row) = outcome else {
+                all.push(None);
+                continue;
+            };
+            if self.exact || (row[i] - row[j]).is_nan() {
+                row = engine.frequency_row(theta, &two)?.0;
+            }
+            let difference = row[i] - row[j];
+            all.push((!difference.is_nan()).then_some(difference));
+        }
+        Ok(all)
+    }
+
+    /// Whether the plants are stable, unstable or cannot be built.
+    fn kinds(&self, xs: &[f64]) -> Result<Vec<Kind>> {
+        let thetas = self.thetas(xs)?;
+        let engine = self.refiner.engine;
+        let one = &engine.designed[..1.min(engine.designed.len())];
+        let rows = engine.accurate_rows(&thetas, one)?;
+        Ok(rows
+            .into_iter()
+            .map(|row| match row {
+                Ok(_) => Kind::Stable,
+                // on the limit: the unstable stretch ends beside it
+                Err(Flaw::Unstable(_) | Flaw::Unknown) => Kind::Unstable,
+                Err(Flaw::Unbuilt(_)) => Kind::Failed,
+            })
+            .collect())
+    }
+
+    /// All models at `x`.
+    fn probe(&self, x: f64) -> Result<Probe> {
+        let thetas = self.thetas(&[x])?;
+        let refiner = self.refiner;
+        let engine = refiner.engine;
+        let none = |verdict| Probe { x, row: Vec::new(), verdict };
+        let outcome = engine.accurate_rows(&thetas, &engine.designed)?.into_iter().next();
+        let mut row = match outcome {
+            Some(Ok(row)) => row,
+            Some(Err(Flaw::Unstable(_) | Flaw::Unknown)) => return Ok(none(Verdict::Unstable)),
+            Some(Err(Flaw::Unbuilt(_))) | None => return Ok(none(Verdict::Failed)),
+        };
+        let mut error = vec![f64::NAN; row.len()];
+        if self.exact || engine.designed.iter().any(|&i| row[i].is_nan()) {
+            (row, error) = engine.frequency_row(&thetas[0], &engine.designed)?;
+        }
+        let decided = sets::decide(&row, &error, &engine.designed, refiner.duplicate_of);
+        let verdict = decided.map_or(Verdict::Undecided, Verdict::Winner);
+        Ok(Probe { x, row, verdict })
+    }
+}
+
+/// A verdict as the stability test sees it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Stable,
+    Unstable,
+    Failed,
+}
+
+fn kind(verdict: Verdict) -> Kind {
+    match verdict {
+        Verdict::Winner(_) | Verdict::Undecided => Kind::Stable,
+        Verdict::Unstable => Kind::Unstable,
+        Verdict::Failed => Kind::Failed,
+    }
+}

@@ -27,7 +27,7 @@ use crate::eip::setup::PairModel;
 use crate::error::Result;
 use crate::model::LoopBlock;
 use crate::real::{Mask, Real};
-use crate::simd::{self, Kernel, LANES};
+use crate::simd::{self, Block, Kernel, LANES};
 use crate::solve::backend;
 
 /// Largest condition number of an eigenvalue that is accepted; those of plant
@@ -102,9 +102,9 @@ pub(crate) struct Modal {
     /// Modes kept of each model: one of each pair.
     kept: usize,
     fields: Fields,
-    /// `[field][model]`.
-    data: Vec<f64>,
-    stride: usize,
+    /// Eight models after eight, each with its fields in lanes: the fields of one
+    /// lane are read together, and lie together.
+    data: Vec<Block>,
 }
 
 /// Places of the fields in [`Modal::data`]: matrices row-major, then the modes,
@@ -165,21 +165,12 @@ impl Modal {
             }
         }
         let kept = modes.iter().map(|m| m.values.len()).max().unwrap_or(0);
-        let stride = models.len().next_multiple_of(LANES);
+        let slots = models.len().next_multiple_of(LANES);
         let fields = Fields::new(n, ny, nu);
-        let total = fields.mode + kept * fields.mode_len;
-        let mut modal = Self {
-            continuous,
-            n_models: models.len(),
-            n,
-            ny,
-            nu,
-            kept,
-            fields,
-            data: vec![0.0; total * stride],
-            stride,
-        };
-        for slot in 0..stride {
+        let mut modal =
+            Self { continuous, n_models: models.len(), n, ny, nu, kept, fields, data: Vec::new() };
+        modal.data = vec![Block::default(); modal.total() * slots / LANES];
+        for slot in 0..slots {
             // padding repeats the last model
             let i = slot.min(models.len() - 1);
             modal.fill(slot, models[i], &modes[i]);
@@ -192,8 +183,14 @@ impl Modal {
         self.n_models
     }
 
+    /// Fields of one model.
+    fn total(&self) -> usize {
+        self.fields.mode + self.kept * self.fields.mode_len
+    }
+
     fn fill(&mut self, slot: usize, model: &PairModel, modes: &Modes) {
-        let (n, ny, stride, continuous) = (self.n, self.ny, self.stride, self.continuous);
+        let (n, ny, continuous) = (self.n, self.ny, self.continuous);
+        let start = slot / LANES * self.total();
         let rank = ny + self.nu;
         let f = self.fields;
         let j = Mat::from_fn(
@@ -206,7 +203,9 @@ impl Modal {
         let zj = &model.Z * &j;
         let jzj = j.transpose() * &zj;
         let cw = model.C.transpose() * &model.W;
-        let mut set = |field: usize, value: f64| self.data[field * stride + slot] = value;
+        let mut set = |field: usize, value: f64| {
+            self.data[start + field].0[slot % LANES] = value;
+        };
         for (at, m) in [
             (f.a, &model.A),
             (f.b, &model.B),
@@ -298,7 +297,7 @@ struct PlantMode {
     vx: Vec<(f64, f64)>,
     /// Row of `V^-1 B (E B)'`.
     eb: Vec<(f64, f64)>,
-    /// Row of `V^-1 B D'`.
+    /// Row of `-V^-1 B D'`.
     bd: Vec<(f64, f64)>,
 }
 
@@ -331,7 +330,7 @@ fn plant_modes(
                 v: modes.right[k].clone(),
                 vx,
                 eb: rows(left, beb.as_ref()),
-                bd: rows(left, bd.as_ref()),
+                bd: rows(left, bd.as_ref()).into_iter().map(|(re, im)| (-re, -im)).collect(),
             }
         })
         .collect()
@@ -355,9 +354,15 @@ impl Kernel for Sums<'_> {
             nn: vec![T::zero(); self.modal.n * np],
             dd: vec![T::zero(); ny * np],
             rows: Vec::with_capacity(self.modal.n),
+            nv: vec![(T::zero(), T::zero()); self.modal.n],
+            nx: vec![(T::zero(), T::zero()); self.modal.n],
+            dv: vec![(T::zero(), T::zero()); ny],
         };
+        let total = self.modal.total();
         for (g, out) in self.out.chunks_mut(T::LANES).enumerate() {
-            let lane = ModelLane { modal: self.modal, at: g * T::LANES };
+            let first = g * T::LANES;
+            let fields = &self.modal.data[first / LANES * total..][..total];
+            let lane = ModelLane { modal: self.modal, fields, at: first % LANES };
             let energy = lane.energy(self.block, self.x, self.plant, &mut work);
             for (l, out) in out.iter_mut().enumerate() {
                 *out = energy.lane(l);
@@ -366,23 +371,29 @@ impl Kernel for Sums<'_> {
     }
 }
 
-/// Buffers of a lane of pairs: `N`, `D` and the rows of `N` that are not zero.
+/// Buffers of a lane of pairs: `N`, `D`, the rows of `N` that are not zero, and
+/// for one mode of the plant their products with its vectors.
 struct Work<T> {
     nn: Vec<T>,
     dd: Vec<T>,
     rows: Vec<usize>,
+    nv: Vec<Complex<T>>,
+    nx: Vec<Complex<T>>,
+    dv: Vec<Complex<T>>,
 }
 
 /// A lane of models.
 struct ModelLane<'a> {
     modal: &'a Modal,
+    fields: &'a [Block],
+    /// Place of the first model in the blocks.
     at: usize,
 }
 
 impl ModelLane<'_> {
     #[inline(always)]
     fn field<T: Real>(&self, field: usize) -> T {
-        T::load(&self.modal.data[field * self.modal.stride + self.at..])
+        T::load(&self.fields[field].0[self.at..])
     }
 
     #[inline(always)]
@@ -490,56 +501,51 @@ impl ModelLane<'_> {
         &self,
         np: usize,
         plant: &PlantSide,
-        work: &Work<T>,
+        work: &mut Work<T>,
         same_output: bool,
     ) -> T {
         let (m, f) = (self.modal, &self.modal.fields);
-        let (n, ny, rank) = (m.n, m.ny, m.ny + m.nu);
         let zero = (T::zero(), T::zero());
         let mut sum = T::zero();
-        let mut nv = vec![zero; n];
-        let mut nx = vec![zero; n];
-        let mut dv = vec![zero; ny];
+        let Work { nn, dd, rows, nv, nx, dv } = work;
         for mode in &plant.modes {
-            for &r in &work.rows {
-                nv[r] = real_row(&work.nn[r * np..(r + 1) * np], &mode.v);
-                nx[r] = real_row(&work.nn[r * np..(r + 1) * np], &mode.vx);
+            for &r in rows.iter() {
+                nv[r] = real_row(&nn[r * np..(r + 1) * np], &mode.v);
+                nx[r] = real_row(&nn[r * np..(r + 1) * np], &mode.vx);
             }
             if !same_output {
                 for (i, d) in dv.iter_mut().enumerate() {
-                    *d = real_row(&work.dd[i * np..(i + 1) * np], &mode.v);
+                    *d = real_row(&dd[i * np..(i + 1) * np], &mode.v);
                 }
             }
+            let lambda = (T::splat(mode.value.0), T::splat(mode.value.1));
             for k in 0..m.kept {
                 let at = f.mode + k * f.mode_len;
                 let mu: Complex<T> = self.complex(at);
+                let (mut kk, mut tt) = ([T::zero(); 4], [T::zero(); 4]);
+                for &r in rows.iter() {
+                    add_product(&mut kk, self.complex(at + f.uz + 2 * r), nv[r]);
+                    add_product(&mut tt, self.complex(at + f.inv + 2 * r), nx[r]);
+                }
+                if !same_output {
+                    for (i, &d) in dv.iter().enumerate() {
+                        add_product(&mut kk, self.complex(at + f.ucw + 2 * i), d);
+                    }
+                }
+                for (from, constants) in [(f.inv, &mode.eb), (f.inv_j, &mode.bd)] {
+                    for (r, &(re, im)) in constants.iter().enumerate() {
+                        if (re, im) != (0.0, 0.0) {
+                            let b = (T::splat(re), T::splat(im));
+                            add_product(&mut tt, self.complex(at + from + 2 * r), b);
+                        }
+                    }
+                }
                 // the plant's mode, then its conjugate
-                for conjugate in [false, true] {
-                    if conjugate && !mode.paired {
-                        continue;
-                    }
-                    let (mut kk, mut tt) = (zero, zero);
-                    for &r in &work.rows {
-                        kk = fma(kk, self.complex(at + f.uz + 2 * r), side(conjugate, nv[r]));
-                        tt = fma(tt, self.complex(at + f.inv + 2 * r), side(conjugate, nx[r]));
-                    }
-                    if !same_output {
-                        for (i, &d) in dv.iter().enumerate() {
-                            kk = fma(kk, self.complex(at + f.ucw + 2 * i), side(conjugate, d));
-                        }
-                    }
-                    for (r, &eb) in mode.eb.iter().enumerate() {
-                        if eb != (0.0, 0.0) {
-                            let eb = side(conjugate, (T::splat(eb.0), T::splat(eb.1)));
-                            tt = fma(tt, self.complex(at + f.inv + 2 * r), eb);
-                        }
-                    }
-                    for (b, &bd) in mode.bd.iter().enumerate().take(rank) {
-                        let bd = side(conjugate, (T::splat(-bd.0), T::splat(-bd.1)));
-                        tt = fma(tt, self.complex(at + f.inv_j + 2 * b), bd);
-                    }
-                    let lambda = side(conjugate, (T::splat(mode.value.0), T::splat(mode.value.1)));
-                    sum = sum + m.term(fma(zero, kk, tt), lambda, mu);
+                let product = fma(zero, plain(kk), plain(tt));
+                sum = sum + m.term(product, lambda, mu);
+                if mode.paired {
+                    let product = fma(zero, conjugated(kk), conjugated(tt));
+                    sum = sum + m.term(product, (lambda.0, -lambda.1), mu);
                 }
             }
         }
@@ -575,10 +581,26 @@ fn form<T: Real>(x: MatRef<'_, f64>, np: usize, m: &[T], i: usize, j: usize) -> 
     sum
 }
 
-/// `z`, or its conjugate.
+/// Adds the four products of the parts of `a b`: from their sums come both
+/// `sum a b` and `sum a conj(b)`.
 #[inline(always)]
-fn side<T: Real>(conjugate: bool, z: Complex<T>) -> Complex<T> {
-    (z.0, if conjugate { -z.1 } else { z.1 })
+fn add_product<T: Real>(sums: &mut [T; 4], a: Complex<T>, b: Complex<T>) {
+    sums[0] = a.0.mul_add(b.0, sums[0]);
+    sums[1] = a.1.mul_add(b.1, sums[1]);
+    sums[2] = a.0.mul_add(b.1, sums[2]);
+    sums[3] = a.1.mul_add(b.0, sums[3]);
+}
+
+/// `sum a b`.
+#[inline(always)]
+fn plain<T: Real>(sums: [T; 4]) -> Complex<T> {
+    (sums[0] - sums[1], sums[3] + sums[2])
+}
+
+/// `sum a conj(b)`.
+#[inline(always)]
+fn conjugated<T: Real>(sums: [T; 4]) -> Complex<T> {
+    (sums[0] + sums[1], sums[3] - sums[2])
 }
 
 /// A row in lanes times a complex column of the plant.

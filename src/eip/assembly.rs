@@ -80,7 +80,7 @@ impl Setup {
             }
             Some(dt) => {
                 let (plant, line) = sample(plant, dt, delay).map_err(here)?;
-                closing.close(&plant, around, &line, block);
+                closing.close(&plant, around, Some(&line), block);
                 Ok((block, &sampled.insert(plant).R))
             }
         }

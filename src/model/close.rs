@@ -70,23 +70,22 @@ impl Closing {
                 remedy: "give seconds, zero or more".into(),
             });
         }
-        let line = if delay == 0.0 || plant.nu() == 0 {
-            DelayLine::none(plant)
-        } else {
-            match (plant.time, form) {
-                (Time::Continuous, DelayForm::States { pade }) => pade_delay(plant, delay, pade),
-                (Time::Continuous, DelayForm::Exact) => {
-                    self.close(plant, around, &DelayLine::none(plant), block);
-                    let (a, b) = (block.A.clone(), block.B.clone());
-                    self.close(plant, around, &DelayLine::cut(plant), block);
-                    block.delayed =
-                        Some(Delayed { tau: delay, A: &a - &block.A, B: &b - &block.B });
-                    return Ok(());
-                }
-                (Time::Discrete { dt }, _) => DelayLine::whole_samples(plant, delay, dt)?,
+        if delay == 0.0 || plant.nu() == 0 {
+            self.close(plant, around, None, block);
+            return Ok(());
+        }
+        let line = match (plant.time, form) {
+            (Time::Continuous, DelayForm::States { pade }) => pade_delay(plant, delay, pade),
+            (Time::Continuous, DelayForm::Exact) => {
+                self.close(plant, around, None, block);
+                let (a, b) = (block.A.clone(), block.B.clone());
+                self.close(plant, around, Some(&DelayLine::cut(plant)), block);
+                block.delayed = Some(Delayed { tau: delay, A: &a - &block.A, B: &b - &block.B });
+                return Ok(());
             }
+            (Time::Discrete { dt }, _) => DelayLine::whole_samples(plant, delay, dt)?,
         };
-        self.close(plant, around, &line, block);
+        self.close(plant, around, Some(&line), block);
         Ok(())
     }
 
@@ -99,16 +98,18 @@ impl Closing {
     /// x_r' = A_r x_r + B_r Q_r^1/2 w2              input filter
     /// y = C x + R^1/2 w3,   u = C_K x_K + D_K y + C_r x_r
     /// ```
+    ///
+    /// Without a line `B0 = B`.
     pub(crate) fn close(
         &mut self,
         plant: &Plant,
         around: Around<'_>,
-        line: &DelayLine,
+        line: Option<&DelayLine>,
         block: &mut LoopBlock,
     ) {
         let Around { controller, input } = around;
         let (nx, nu, ny) = (plant.nx(), plant.nu(), plant.ny());
-        let nd = line.A.nrows();
+        let nd = line.map_or(0, |l| l.A.nrows());
         let nk = controller.map_or(0, |k| k.A.nrows());
         let nr = input.map_or(0, Shaping::nf);
         let np = nx + nd + nk + nr;
@@ -143,8 +144,10 @@ impl Closing {
 
         // what does not pass through u
         put(&mut block.A, 0, 0, plant.A.as_ref());
-        put(&mut block.A, 0, at_d, line.Bx.as_ref());
-        put(&mut block.A, at_d, at_d, line.A.as_ref());
+        if let Some(line) = line {
+            put(&mut block.A, 0, at_d, line.Bx.as_ref());
+            put(&mut block.A, at_d, at_d, line.A.as_ref());
+        }
         add_product(&mut block.B, 0, 0, plant.G.as_ref(), root_q);
         if let Some(k) = controller {
             put(&mut block.A, at_k, at_k, k.A.as_ref());
@@ -157,8 +160,13 @@ impl Closing {
         }
         // what does
         blank(&mut self.from_u, np, nu);
-        put(&mut self.from_u, 0, 0, line.B0.as_ref());
-        put(&mut self.from_u, at_d, 0, line.B.as_ref());
+        match line {
+            None => put(&mut self.from_u, 0, 0, plant.B.as_ref()),
+            Some(line) => {
+                put(&mut self.from_u, 0, 0, line.B0.as_ref());
+                put(&mut self.from_u, at_d, 0, line.B.as_ref());
+            }
+        }
         add_product(&mut block.A, 0, 0, self.from_u.as_ref(), block.Cu.as_ref());
         add_product(&mut block.B, 0, 0, self.from_u.as_ref(), block.Du.as_ref());
     }

@@ -187,7 +187,7 @@ impl LoopBlock {
         line: &DelayLine,
     ) -> Self {
         let mut block = LoopBlock::empty(plant.time);
-        Closing::new().close(plant, Around { controller, input }, line, &mut block);
+        Closing::new().close(plant, Around { controller, input }, Some(line), &mut block);
         block
     }
 

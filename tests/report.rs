@@ -115,6 +115,18 @@ fn json_tells_what_is_missing() {
 }
 
 #[test]
+fn models_that_nothing_tells_apart_are_told() {
+    let mut sets = cases::pendulum();
+    assert!(!text::render(&sets).contains("every margin is zero"));
+    sets.cases[0].margin.fill(0.0);
+    assert!(text::render(&sets).contains("every margin is zero"));
+    // duplicates alone have no runner-up
+    sets.cases[0].margin.fill(f64::INFINITY);
+    assert!(text::render(&sets).contains("every margin is zero"));
+    assert!(!text::render(&cases::single()).contains("every margin is zero"));
+}
+
+#[test]
 fn json_of_several_delays_and_parameters() {
     let v = parsed(&cases::delays());
     assert_eq!(v["delay"], 0.0);

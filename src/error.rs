@@ -118,6 +118,42 @@ pub enum Error {
         /// Iterations spent.
         iterations: u32,
     },
+    /// A Riccati equation with a mode that does not decay and that the input does
+    /// not reach.
+    #[error(
+        "{what}: mode {eigenvalue} ({states}) is not stabilizable through B (in filter form: not detectable through C): act on it, or drop it from the model"
+    )]
+    NotStabilizable {
+        /// The equation.
+        what: String,
+        /// The eigenvalue of `A`.
+        eigenvalue: Eigenvalue,
+        /// States that dominate the mode.
+        states: String,
+    },
+    /// A Riccati equation with a mode on the boundary of stability that the
+    /// weight does not see.
+    #[error(
+        "{what}: mode {eigenvalue} ({states}) on the boundary of stability is not detectable through Q (in filter form: not reached by the noise): weigh it, or drop it from the model"
+    )]
+    NotDetectable {
+        /// The equation.
+        what: String,
+        /// The eigenvalue of `A`.
+        eigenvalue: Eigenvalue,
+        /// States that dominate the mode.
+        states: String,
+    },
+    /// The solution of a Riccati differential equation that becomes infinite.
+    #[error(
+        "{what}: the solution leaves the finite within the step {h:.3e}: shorten the step, or make the weights positive semidefinite"
+    )]
+    FiniteEscape {
+        /// The equation.
+        what: String,
+        /// The step, in seconds.
+        h: f64,
+    },
     /// A matrix that must be inverted is singular.
     #[error("{what} is singular to working precision: check for redundant states or equations")]
     Singular {
@@ -256,8 +292,9 @@ impl Error {
             Error::NotSymmetric { .. } => "not_symmetric",
             Error::NotPsd { .. } => "not_positive_semidefinite",
             Error::NotPositiveDefinite { .. } => "not_positive_definite",
-            Error::Undetectable { .. } => "not_detectable",
-            Error::Unstabilizable { .. } => "not_stabilizable",
+            Error::Undetectable { .. } | Error::NotDetectable { .. } => "not_detectable",
+            Error::Unstabilizable { .. } | Error::NotStabilizable { .. } => "not_stabilizable",
+            Error::FiniteEscape { .. } => "finite_escape",
             Error::NoStabilizingSolution { .. } => "no_stabilizing_solution",
             Error::Singular { .. } => "singular",
             Error::NotStable { .. } => "not_stable",

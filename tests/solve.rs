@@ -6,6 +6,8 @@ mod common;
 mod batch;
 #[path = "solve/faults.rs"]
 mod faults;
+#[path = "solve/ode.rs"]
+mod ode;
 #[path = "solve/properties.rs"]
 mod properties;
 #[path = "solve/reference.rs"]

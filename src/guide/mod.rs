@@ -20,3 +20,6 @@ pub mod results {}
 #[cfg(feature = "scenario")]
 #[doc = include_str!("scenario.md")]
 pub mod scenario {}
+
+#[doc = include_str!("solvers.md")]
+pub mod solvers {}

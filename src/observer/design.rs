@@ -202,8 +202,11 @@ fn finish(
 
 /// Names the mode that stands in the way of a stabilizing solution, if one does.
 fn explain(kind: ObserverKind, model: &Plant, error: Error, names: Option<&Names>) -> Error {
-    let Error::NoStabilizingSolution { residual, iterations, .. } = error else {
-        return error;
+    let (residual, iterations) = match error {
+        Error::NoStabilizingSolution { residual, iterations, .. } => (residual, iterations),
+        // The same reason in the words of a filter.
+        Error::NotStabilizable { .. } | Error::NotDetectable { .. } => (f64::NAN, 0),
+        _ => return error,
     };
     let continuous = kind.is_continuous();
     let names = names.map(|names| &names.states[..]);
@@ -220,6 +223,9 @@ fn explain(kind: ObserverKind, model: &Plant, error: Error, names: Option<&Names
     if let Ok(Some(mode)) = unreached {
         let states = mode.states(names);
         return Error::Unstabilizable { eigenvalue: mode.eigenvalue, states };
+    }
+    if !matches!(error, Error::NoStabilizingSolution { .. }) {
+        return error;
     }
     let what = format!("{} (Riccati equation)", kind.name());
     Error::NoStabilizingSolution { what, residual, iterations }

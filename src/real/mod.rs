@@ -10,6 +10,10 @@
 //! returns exactly the bits of the oracle (payloads and signs of NaN excepted),
 //! and a lane never looks at its neighbours.
 //!
+//! A third implementation, private to the crate, holds one number in twice the
+//! precision: the solvers run their kernels on it for the few problems whose
+//! condition exceeds plain `f64`. It is one number, never a lane.
+//!
 //! Comparisons give a mask instead of a `bool`; a branch becomes
 //! [`Real::select`], and only [`Mask::any`] and [`Mask::all`] may steer control
 //! flow, where both ways give the same bits.
@@ -18,11 +22,13 @@ mod math;
 mod scalar;
 mod tier;
 mod trig;
+mod twice;
 
 pub use math::{exp, ln};
 pub(crate) use scalar::{TWO_52, TWO_52_BIASED};
 pub use tier::Tier;
 pub use trig::sin_cos;
+pub(crate) use twice::Twice;
 
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -101,6 +107,8 @@ pub trait Real:
     const LANES: usize;
     /// Rows and columns of the register tile of a matrix product: 4, 2 or 1.
     const TILE: usize;
+    /// Distance from one to the next number: `2^-52`.
+    const EPSILON: f64 = f64::EPSILON;
     /// True if kernels for common small sizes are worth compiling: not for the
     /// oracle, nor where a fused multiply-add is a call.
     const UNROLLS: bool;

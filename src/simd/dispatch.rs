@@ -3,7 +3,7 @@
 use super::array::Array8;
 #[cfg(target_arch = "x86_64")]
 use super::{avx2::Pair256, avx512::Lane512};
-use crate::real::{LaneKernel, Real, Tier};
+use crate::real::{LaneKernel, Real, Tier, Twice};
 
 /// Work written once for every lane type.
 ///
@@ -63,6 +63,8 @@ shells!(run_avx2, outline_avx2, Pair256, "avx2,fma");
 // into the mathematics library that it otherwise becomes, without the call.
 #[cfg(target_arch = "x86_64")]
 shells!(run_scalar, outline_scalar_fma, f64, "avx2,fma");
+#[cfg(target_arch = "x86_64")]
+shells!(run_twice_fma, outline_twice_fma, Twice, "avx2,fma");
 
 #[inline(never)]
 fn run_baseline<K: Kernel>(k: K) -> K::Out {
@@ -78,6 +80,28 @@ pub(crate) fn outline_scalar<K: LaneKernel<f64>>(k: K) -> K::Out {
         return unsafe { outline_scalar_fma(k) };
     }
     k.run()
+}
+
+/// [`Real::outline`] of numbers in twice the precision.
+#[inline(never)]
+pub(crate) fn outline_twice<K: LaneKernel<Twice>>(k: K) -> K::Out {
+    #[cfg(target_arch = "x86_64")]
+    if Tier::Scalar.available() {
+        // SAFETY: avx2 and fma were detected just above.
+        return unsafe { outline_twice_fma(k) };
+    }
+    k.run()
+}
+
+/// Runs `k` on one number in twice the precision: for what eight lanes could
+/// not do.
+pub(crate) fn dispatch_twice<K: Kernel>(k: K) -> K::Out {
+    #[cfg(target_arch = "x86_64")]
+    if Tier::Scalar.available() {
+        // SAFETY: avx2 and fma were detected just above.
+        return unsafe { run_twice_fma(k) };
+    }
+    k.run::<Twice>()
 }
 
 /// The oracle where the target itself has a fused instruction.

@@ -18,6 +18,6 @@ mod dispatch;
 mod storage;
 
 pub use crate::real::Tier;
-pub(crate) use dispatch::outline_scalar;
 pub use dispatch::{Kernel, dispatch, dispatch_on};
+pub(crate) use dispatch::{dispatch_twice, outline_scalar, outline_twice};
 pub use storage::{Block, LANES, Panel, groups, load_group, store_group};

@@ -1,18 +1,19 @@
 //! Lyapunov and Sylvester equations: the public functions.
 
-use faer::MatRef;
+use faer::{Mat, MatRef};
 
-use crate::error::{Error, Result};
+use crate::error::{Eigenvalue, Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
-use crate::simd::{Kernel, Tier};
+use crate::simd::{Kernel, Tier, dispatch_twice};
+use crate::solve::backend::eigenvalues;
 use crate::solve::batch::{
     self, Equation, Substitute, gather, half_unit, lanes_of, launch, minus_unit, scatter, zero,
 };
 use crate::solve::kronecker;
 use crate::solve::lanes::{Kind, Linear};
 use crate::solve::problem::{Field, Lyapunov, Sylvester};
-use crate::solve::report::{ItemReport, Method, Solution, Solutions};
+use crate::solve::report::{ItemReport, Method, Solution, Solutions, judged};
 
 /// The checked problem: `A C` of a Lyapunov equation, `A B C` of a Sylvester
 /// equation.
@@ -21,6 +22,7 @@ struct Batch<'a> {
     n: usize,
     m: usize,
     fields: Vec<Field<'a>>,
+    bounds: bool,
     tier: Option<Tier>,
 }
 
@@ -48,23 +50,84 @@ impl Kernel for Chunk<'_> {
                 reports.push(batch.read(&block, lane, Method::Doubling));
             }
         }
-        // Coefficients that are not stable, or nearly so.
+        // Coefficients that are not stable, or nearly so, or far from normal.
         for (local, report) in reports.iter_mut().enumerate() {
-            if report.status.is_err() && !bad[local] {
-                batch.load(&vec![Some(first + local); T::LANES], &mut block);
-                block.solve_with(|a, b| {
-                    kronecker::inverse(batch.kind, batch.is_symmetric(), [batch.n, batch.m], a, b)
-                });
-                let size = block.x.len();
-                scatter(&block.x, &mut x[local * size..][..size]);
-                let iterations = report.iterations;
-                *report = batch.read(&block, 0, Method::Fallback);
-                report.iterations = iterations;
+            let size = block.x.len();
+            for route in Route::ALL {
+                if report.status.is_ok() || bad[local] {
+                    break;
+                }
+                let x = &mut x[local * size..][..size];
+                let again = dispatch_twice(Single { batch, item: first + local, route, x });
+                let iterations = report.iterations + again.iterations;
+                *report = ItemReport { iterations, ..again };
+                let shaky = report.condition.is_none_or(|c| c > SHAKY);
+                if report.status.is_ok() && shaky && batch.is_singular(first + local) {
+                    report.status = Err(batch.no_unique_solution(report.correction));
+                    break;
+                }
             }
         }
         reports
     }
 }
+
+/// A condition beyond which the eigenvalues are looked at: rounding may hide that
+/// two of them add up to zero.
+const SHAKY: f64 = 1e11;
+/// Relative distance below which two eigenvalues count as adding up to zero.
+const MEET: f64 = 1e-11;
+
+/// How an item is tried again.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Route {
+    /// LU of the whole system, corrected.
+    System,
+    /// Smith sums in twice the precision.
+    Sum,
+    /// LU of the whole system in twice the precision.
+    SystemTwice,
+}
+
+impl Route {
+    const ALL: [Route; 3] = [Route::System, Route::Sum, Route::SystemTwice];
+}
+
+/// One item in twice the precision.
+struct Single<'a> {
+    batch: &'a Batch<'a>,
+    item: usize,
+    route: Route,
+    x: &'a mut [f64],
+}
+
+impl Kernel for Single<'_> {
+    type Out = ItemReport;
+    #[inline(always)]
+    fn run<T: Real>(self) -> ItemReport {
+        let Single { batch, item, route, x } = self;
+        let (kind, symmetric, size) = (batch.kind, batch.is_symmetric(), [batch.n, batch.m]);
+        let mut block = batch.block::<T>();
+        batch.load(&vec![Some(item); T::LANES], &mut block);
+        match route {
+            Route::System => block.solve_with(|a, b| {
+                let lane = |x: &[T]| x.iter().map(|v| v.lane(0)).collect::<Vec<f64>>();
+                kronecker::inverse(kind, symmetric, size, &lane(a), &lane(b))
+            }),
+            Route::Sum if batch.n.max(batch.m) <= MAX_TWICE => block.solve(),
+            Route::Sum => {}
+            Route::SystemTwice => {
+                block.solve_with(|a, b| kronecker::inverse_full(kind, symmetric, size, a, b));
+            }
+        }
+        scatter(&block.x, x);
+        batch.read(&block, 0, Method::Fallback)
+    }
+}
+
+/// Orders beyond which an item is not solved in twice the precision: it would
+/// take many seconds.
+const MAX_TWICE: usize = 128;
 
 impl Batch<'_> {
     fn is_symmetric(&self) -> bool {
@@ -82,7 +145,9 @@ impl Batch<'_> {
 
     #[inline(always)]
     fn block<T: Real>(&self) -> Linear<T> {
-        Linear::new(self.kind, self.is_symmetric(), self.n, self.m)
+        let mut block = Linear::new(self.kind, self.is_symmetric(), self.n, self.m);
+        block.bounds = self.bounds;
+        block
     }
 
     /// Copies the items `at` to lanes; bad items become a harmless equation.
@@ -100,22 +165,50 @@ impl Batch<'_> {
         gather(&self.fields[last], at, zero, &mut block.c);
     }
 
+    /// True if eigenvalues of the coefficients of item `k` add up to zero, or are
+    /// reciprocal in discrete time, to rounding.
+    fn is_singular(&self, k: usize) -> bool {
+        let of = |field: usize, n: usize| {
+            let x = self.fields[field].item(k);
+            eigenvalues(Mat::from_fn(n, n, |i, j| x[i * n + j]).as_ref())
+        };
+        let left = of(0, self.n);
+        let right = if self.is_symmetric() { left.clone() } else { of(1, self.m) };
+        let (Ok(left), Ok(right)) = (left, right) else { return true };
+        let size = |x: &[Eigenvalue]| x.iter().map(|v| v.re.hypot(v.im)).fold(0.0, f64::max);
+        let scale = size(&left) + size(&right);
+        left.iter().any(|a| {
+            right.iter().any(|b| match self.kind {
+                Kind::Continuous => (a.re + b.re).hypot(a.im + b.im) <= MEET * scale,
+                Kind::Discrete => {
+                    let (re, im) = (a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re);
+                    (re - 1.0).hypot(im) <= MEET
+                }
+            })
+        })
+    }
+
+    fn no_unique_solution(&self, correction: f64) -> Error {
+        Error::NoUniqueSolution { what: self.what().into(), correction }
+    }
+
     /// The report of one lane.
     #[inline(always)]
     fn read<T: Real>(&self, block: &Linear<T>, lane: usize, method: Method) -> ItemReport {
         let correction = block.correction.lane(lane);
-        let status = if block.done.lane(lane) {
-            Ok(())
-        } else {
-            Err(Error::NoUniqueSolution { what: self.what().into(), correction })
-        };
+        let status =
+            if block.done.lane(lane) { Ok(()) } else { Err(self.no_unique_solution(correction)) };
+        let (error_bound, condition, sound) =
+            judged(block.error_bound.lane(lane), block.condition.lane(lane));
         ItemReport {
             status,
             residual: block.residual.lane(lane),
             correction,
             margin: block.margin.lane(lane),
             iterations: block.steps.lane(lane) as u32,
-            error_bound: None,
+            error_bound,
+            condition,
+            reliable: sound && block.done.lane(lane),
             method,
         }
     }
@@ -135,7 +228,7 @@ pub(super) fn run(
     tier: Option<Tier>,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    let batch = Batch { kind, n, m, fields: fields.clone(), tier };
+    let batch = Batch { kind, n, m, fields: fields.clone(), bounds: true, tier };
     let larger = n.max(m);
     let flops = larger.saturating_pow(3).saturating_mul(100);
     batch::run(&batch, &fields, [n, m], len, flops, control)

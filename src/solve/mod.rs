@@ -2,6 +2,7 @@
 
 pub mod backend;
 mod batch;
+mod explain;
 mod fallback;
 mod kronecker;
 #[allow(dead_code, unused_imports, reason = "a toolbox: not every equation is in use")]
@@ -11,6 +12,7 @@ mod modes;
 mod problem;
 mod report;
 mod riccati;
+mod riccati_ode;
 
 pub use linear::{
     lyapunov_continuous, lyapunov_continuous_one, lyapunov_continuous_with, lyapunov_discrete,
@@ -18,9 +20,10 @@ pub use linear::{
     sylvester_continuous_with, sylvester_discrete, sylvester_discrete_one, sylvester_discrete_with,
 };
 pub use modes::{Mode, Region, least_stable_mode, unseen_mode};
-pub use problem::{Care, Dare, Lyapunov, Riccati, Sylvester};
+pub use problem::{Care, Dare, Lyapunov, Riccati, RiccatiOde, Sylvester};
 pub use report::{ItemReport, Method, Solution, Solutions};
 pub use riccati::{care, care_one, care_with, dare, dare_one, dare_with};
+pub use riccati_ode::{riccati_ode, riccati_ode_one, riccati_ode_with};
 
 #[cfg(test)]
 mod tests;

@@ -99,6 +99,38 @@ pub struct Sylvester<'a> {
     pub C: &'a [f64],
 }
 
+/// A batch of steps of the Riccati differential equation, for
+/// [`riccati_ode`](crate::solve::riccati_ode).
+///
+/// ```text
+/// dP/dt = F P + P F' - P H' R^-1 H P + Q,    P(0) = P,  wanted P(h)
+/// ```
+///
+/// Arrays as in [`Riccati`]; `F`, `Q` and `P` n by n, `H` m by n, `R` m by m; `Q`,
+/// `R`, `P` symmetric, `R` positive definite. `m` may be zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub struct RiccatiOde<'a> {
+    /// Order of the state.
+    pub n: usize,
+    /// Number of outputs.
+    pub m: usize,
+    /// Number of items.
+    pub len: usize,
+    /// State matrix.
+    pub F: &'a [f64],
+    /// Output matrix.
+    pub H: &'a [f64],
+    /// Intensity of the process noise.
+    pub Q: &'a [f64],
+    /// Intensity of the measurement noise.
+    pub R: &'a [f64],
+    /// Covariance before the step.
+    pub P: &'a [f64],
+    /// The step in seconds, positive: one for all, or one an item.
+    pub h: &'a [f64],
+}
+
 /// One argument of a batch: a matrix an item, or one for all.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Field<'a> {
@@ -215,6 +247,22 @@ impl<'a> Riccati<'a> {
             fields.push(Field::new("S", s, [n, m], len, false)?);
         }
         Ok(fields)
+    }
+}
+
+impl<'a> RiccatiOde<'a> {
+    /// `F H Q R P h`, lengths checked.
+    pub(crate) fn fields(&self) -> Result<Vec<Field<'a>>> {
+        let (n, m, len) = (self.n, self.m, self.len);
+        positive(&[("F (n = 0)", n), ("batch (len = 0)", len)])?;
+        Ok(vec![
+            Field::new("F", self.F, [n, n], len, false)?,
+            Field::new("H", self.H, [m, n], len, false)?,
+            Field::new("Q", self.Q, [n, n], len, true)?,
+            Field::new("R", self.R, [m, m], len, true)?,
+            Field::new("P", self.P, [n, n], len, true)?,
+            Field::new("h", self.h, [1, 1], len, false)?,
+        ])
     }
 }
 

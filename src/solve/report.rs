@@ -34,8 +34,20 @@ pub struct ItemReport {
     pub margin: f64,
     /// Doubling steps spent, corrections included.
     pub iterations: u32,
-    /// Bound on `|X - X_exact| / |X|` in the Frobenius norm, where computed.
+    /// Bound on `|X - X_exact| / |X|` in the Frobenius norm, where computed:
+    /// from the last two corrections and the condition, see
+    /// [the guide](crate::guide::solvers). Exact is the solution for the numbers
+    /// as given.
     pub error_bound: Option<f64>,
+    /// Condition, where computed: by how much a residual relative to the terms of
+    /// the equation is amplified in `X`, in balanced coordinates. A relative
+    /// change of the data by `d` moves `X` by up to `condition * d`.
+    pub condition: Option<f64>,
+    /// False where the solution should not be used without thought: rounding of
+    /// the data alone may move it by more than 1e-6 (`condition > 4.5e9`), the
+    /// error bound is above that, or `R` is not positive definite in continuous
+    /// time.
+    pub reliable: bool,
     /// The algorithm.
     pub method: Method,
 }
@@ -50,6 +62,8 @@ impl ItemReport {
             margin: f64::NAN,
             iterations: 0,
             error_bound: None,
+            condition: None,
+            reliable: false,
             method: Method::None,
         }
     }
@@ -58,6 +72,18 @@ impl ItemReport {
     pub(crate) fn refused(error: Error) -> Self {
         ItemReport { status: Err(error), ..Self::pending() }
     }
+}
+
+/// What is called reliable: an error, and a condition times the rounding of the
+/// data, up to this.
+const RELIABLE: f64 = 1e-6;
+
+/// Error bound and condition as a report holds them (`None` for NaN: not
+/// computed), and whether they are small enough to rely on.
+pub(crate) fn judged(error_bound: f64, condition: f64) -> (Option<f64>, Option<f64>, bool) {
+    let known = |x: f64| (!x.is_nan()).then_some(x);
+    let large = error_bound > RELIABLE || condition * f64::EPSILON > RELIABLE;
+    (known(error_bound), known(condition), !large)
 }
 
 /// Solutions of a batch.

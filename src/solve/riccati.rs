@@ -5,14 +5,15 @@ use faer::MatRef;
 use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
-use crate::simd::{Kernel, Tier};
+use crate::simd::{Kernel, Tier, dispatch_twice};
 use crate::solve::batch::{
     self, Equation, gather, lanes_of, launch, minus_unit, scatter, unit, zero,
 };
+use crate::solve::explain::explain;
 use crate::solve::fallback::sign_start;
 use crate::solve::lanes::{Block, Coefficients, Data, Kind};
 use crate::solve::problem::{Field, Riccati};
-use crate::solve::report::{ItemReport, Method, Solution, Solutions};
+use crate::solve::report::{ItemReport, Method, Solution, Solutions, judged};
 
 /// The checked problem.
 struct Batch<'a> {
@@ -20,8 +21,13 @@ struct Batch<'a> {
     n: usize,
     m: usize,
     fields: Vec<Field<'a>>,
+    bounds: bool,
     tier: Option<Tier>,
 }
+
+/// Orders beyond which an item is not doubled in twice the precision: it would
+/// take many seconds.
+const MAX_TWICE: usize = 128;
 
 /// A range of items in lanes.
 struct Chunk<'a> {
@@ -37,6 +43,7 @@ impl Kernel for Chunk<'_> {
     fn run<T: Real>(self) -> Vec<ItemReport> {
         let Chunk { batch, first, bad, x } = self;
         let mut block = Block::<T>::new(batch.n, batch.m);
+        block.set_bounds(batch.bounds);
         let size = batch.n * batch.n;
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
@@ -50,15 +57,53 @@ impl Kernel for Chunk<'_> {
             }
         }
         for (local, report) in reports.iter_mut().enumerate() {
-            if report.status.is_err() && !bad[local] && !batch.is_hopeless(report) {
-                batch.load(&vec![Some(first + local); T::LANES], &mut block.data);
-                block.solve_from(batch.kind, |c| sign_start_in_lanes(batch.kind, batch.n, c));
-                scatter(&block.x, &mut x[local * size..][..size]);
-                let second = read(&block, 0, Method::Fallback);
-                batch.take_over(report, second);
+            if report.status.is_err() && !bad[local] {
+                batch.try_again(first + local, report, &mut x[local * size..][..size]);
             }
         }
         reports
+    }
+}
+
+/// How an item is tried again.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Route {
+    /// From the matrix sign function.
+    Sign,
+    /// The same, scaled for a weak `Q`.
+    Tilted,
+    /// By doubling in twice the precision.
+    Doubling,
+}
+
+impl Route {
+    const ALL: [Route; 3] = [Route::Sign, Route::Tilted, Route::Doubling];
+}
+
+/// One item in twice the precision.
+struct Single<'a> {
+    batch: &'a Batch<'a>,
+    item: usize,
+    route: Route,
+    x: &'a mut [f64],
+}
+
+impl Kernel for Single<'_> {
+    type Out = ItemReport;
+    #[inline(always)]
+    fn run<T: Real>(self) -> ItemReport {
+        let Single { batch, item, route, x } = self;
+        let mut block = Block::<T>::new(batch.n, batch.m);
+        block.set_bounds(batch.bounds);
+        batch.load(&vec![Some(item); T::LANES], &mut block.data);
+        if route == Route::Doubling {
+            block.solve(batch.kind);
+        } else {
+            let start = |c: Coefficients<'_, T>| sign_start_in_lanes(batch.kind, batch.n, c);
+            block.solve_from(batch.kind, route == Route::Tilted, start);
+        }
+        scatter(&block.x, x);
+        read(&block, 0, Method::Fallback)
     }
 }
 
@@ -87,13 +132,17 @@ fn read<T: Real>(block: &Block<T>, lane: usize, method: Method) -> ItemReport {
     } else {
         Err(Error::NoStabilizingSolution { what: String::new(), residual, iterations })
     };
+    let (error_bound, condition, sound) =
+        judged(block.error_bound.lane(lane), block.condition.lane(lane));
     ItemReport {
         status,
         residual,
         correction: block.correction.lane(lane),
         margin: block.margin.lane(lane),
         iterations,
-        error_bound: None,
+        error_bound,
+        condition,
+        reliable: sound && block.done.lane(lane) && !block.odd_weight.lane(lane),
         method,
     }
 }
@@ -112,23 +161,33 @@ impl Batch<'_> {
         }
     }
 
-    /// True if another start would not help.
-    fn is_hopeless(&self, report: &ItemReport) -> bool {
+    /// Tries a failed item again, one at a time, in twice the precision; or says
+    /// why it has no solution.
+    fn try_again(&self, item: usize, report: &mut ItemReport, x: &mut [f64]) {
         let indefinite = matches!(report.status, Err(Error::NotPositiveDefinite { .. }));
-        indefinite && self.kind == Kind::Continuous
-    }
-
-    /// Replaces the report of a failed item by that of its second attempt.
-    fn take_over(&self, report: &mut ItemReport, mut second: ItemReport) {
-        second.iterations += report.iterations;
-        if second.status.is_err() {
-            let what = if self.kind == Kind::Continuous { "CARE" } else { "DARE" }.into();
-            let residual = report.residual.min(second.residual);
-            let iterations = second.iterations;
-            second.status = Err(Error::NoStabilizingSolution { what, residual, iterations });
-            second.method = Method::None;
+        for route in Route::ALL {
+            if route == Route::Doubling && self.n > MAX_TWICE {
+                break;
+            }
+            let mut second = dispatch_twice(Single { batch: self, item, route, x: &mut *x });
+            second.iterations += report.iterations;
+            let best = report.residual.min(second.residual);
+            *report = second;
+            if report.status.is_ok() {
+                return;
+            }
+            report.residual = best;
+            if indefinite && self.kind == Kind::Continuous && route == Route::Tilted {
+                break;
+            }
         }
-        *report = second;
+        let reached = (report.residual, report.iterations);
+        report.status = Err(if indefinite && self.kind == Kind::Continuous {
+            Error::NotPositiveDefinite { what: "R".into() }
+        } else {
+            explain(self.kind, [self.n, self.m], &self.fields, item, reached)
+        });
+        report.method = Method::None;
     }
 }
 
@@ -146,7 +205,7 @@ pub(super) fn run(
 ) -> Result<Solutions> {
     let fields = problem.fields()?;
     let (n, m) = (problem.n, problem.m);
-    let batch = Batch { kind, n, m, fields: fields.clone(), tier };
+    let batch = Batch { kind, n, m, fields: fields.clone(), bounds: true, tier };
     let cubed = n.saturating_pow(3).saturating_add(n.saturating_mul(n).saturating_mul(m));
     batch::run(&batch, &fields, [n, n], problem.len, cubed.saturating_mul(250), control)
 }

@@ -5,7 +5,8 @@ use super::doubling::{Coefficients, Doubling, gamma};
 use super::ops::{largest, outlined, transpose};
 use crate::real::{Mask, Real};
 use crate::small::{
-    Dyn, cholesky, mul_add_tn, mul_sub_tn, solve_lower, sym_mul_sub_tn, sym_mul_tn,
+    Dyn, cholesky, lu_factor, lu_solve, mul, mul_add_tn, mul_sub, mul_sub_tn, solve_lower,
+    sym_mul_sub_tn, sym_mul_tn, symmetrize,
 };
 
 /// Continuous or discrete time.
@@ -29,8 +30,8 @@ pub(crate) struct Data<T> {
     pub(crate) r: Vec<T>,
     pub(crate) s: Vec<T>,
     /// Exponents of the states: `X = 2^cost D^-1 X_s D^-1`.
-    scale: Vec<T>,
-    cost: T,
+    pub(super) scale: Vec<T>,
+    pub(super) cost: T,
     /// Exponent of the time unit, `A = 2^time A_s`.
     pub(super) time: T,
 }
@@ -112,7 +113,7 @@ outlined! {
             .map(|j| {
                 let r = d.r[j * m + j];
                 let e = (r.split().1 * half).round_ties_even();
-                T::select(r.gt(T::zero()), -e, T::zero())
+                T::select(r.abs().gt(T::zero()), -e, T::zero())
             })
             .collect();
         apply(&inputs, [1.0, 1.0], &mut d.r, [m, m]);
@@ -171,10 +172,56 @@ outlined! {
 }
 
 outlined! {
+    /// Changes the unit of all states so that `G` comes to the size of `A`: of use
+    /// where `A` is unstable and `Q` is so weak that `X` hardly depends on it.
+    ///
+    /// ```text
+    /// x = 2^e x_s:   B 2^-e,  G 2^-2e,  Q 2^2e,  S 2^e
+    /// ```
+    pub(super) fn tilt(d: &'a mut Data<T>, c: &'a mut Reduced<T>) {
+        let wanted = exponent_of(&c.g) - exponent_of(&c.a).max(T::zero());
+        let e = (wanted * T::splat(0.5)).round_ties_even();
+        shift(&mut d.b, -e);
+        shift(&mut d.s, e);
+        shift(&mut c.g, -(e + e));
+        for x in [&mut d.q, &mut c.q] {
+            shift(x, e + e);
+        }
+        for k in d.scale.iter_mut() {
+            *k = *k + e;
+        }
+    }
+}
+
+outlined! {
     /// Undoes the scaling of a solution.
     pub(super) fn unscale(d: &'a Data<T>, x: &'a mut [T]) {
         apply(&d.scale, [-1.0, -1.0], x, [d.n, d.n]);
         shift(x, d.cost);
+    }
+}
+
+outlined! {
+    /// [`reduce`] without a shift for an `R` that is regular but not positive;
+    /// false in lanes where it is singular.
+    pub(super) fn reduce_indefinite(c: &'a mut Reduced<T>, d: &'a Data<T>) -> T::Mask {
+        let (n, m) = (Dyn(d.n), Dyn(d.m));
+        let ([bt, st], l) = (&mut c.tall, &mut c.factor);
+        let mut perm = vec![T::zero(); d.m];
+        c.a.copy_from_slice(&d.a);
+        c.q.copy_from_slice(&d.q);
+        l.copy_from_slice(&d.r);
+        transpose(d.n, d.m, &d.b, bt);
+        transpose(d.n, d.m, &d.s, st);
+        let regular = lu_factor(m, l, &mut perm).ok;
+        lu_solve(m, n, l, &perm, bt);
+        lu_solve(m, n, l, &perm, st);
+        mul_sub(n, m, n, &d.b, st, &mut c.a);
+        mul(n, m, n, &d.b, bt, &mut c.g);
+        mul_sub(n, m, n, &d.s, st, &mut c.q);
+        symmetrize(n, &mut c.g);
+        symmetrize(n, &mut c.q);
+        regular
     }
 }
 

@@ -1,6 +1,7 @@
 //! One lane block of Lyapunov or Sylvester equations: balance, sum, correct.
 
 use super::balance::{apply, balance, exponent_of, shift};
+use super::bound::{Amplification, ratio};
 use super::data::Kind;
 use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
 use super::ops::{add_where, largest, norm, outlined, transpose};
@@ -47,6 +48,12 @@ pub(crate) struct Linear<T: Real> {
     pub(crate) steps: T,
     /// Verified margin of the less stable coefficient, one a lane.
     pub(crate) margin: T,
+    /// Bounds and conditions are computed.
+    pub(crate) bounds: bool,
+    /// Bound on the relative error.
+    pub(crate) error_bound: T,
+    /// Amplification of a relative residual.
+    pub(crate) condition: T,
     /// Exponents of the balancing, of the time unit and of `C`.
     left: Vec<T>,
     right: Vec<T>,
@@ -82,6 +89,9 @@ impl<T: Real> Linear<T> {
             correction: T::zero(),
             steps: T::zero(),
             margin: T::zero(),
+            bounds: true,
+            error_bound: T::zero(),
+            condition: T::zero(),
             left: zeros(n),
             right: zeros(m),
             time: T::zero(),
@@ -111,13 +121,12 @@ impl<T: Real> Linear<T> {
     /// Solves a block whose lanes all hold one equation with the solver that
     /// `make` returns for the scaled `A` and `B`, which need not be stable.
     #[inline(always)]
-    pub(crate) fn solve_with(&mut self, make: impl FnOnce(&[f64], &[f64]) -> Option<Inverse>) {
+    pub(crate) fn solve_with(&mut self, make: impl FnOnce(&[T], &[T]) -> Option<Inverse<T>>) {
         scale(self);
         self.margin = T::splat(f64::NAN);
         self.done = T::Mask::splat(false);
         self.x.fill(T::zero());
-        let lane = |x: &[T]| x.iter().map(|v| v.lane(0)).collect::<Vec<f64>>();
-        if let Some(inverse) = make(&lane(&self.a), &lane(&self.b)) {
+        if let Some(inverse) = make(&self.a, &self.b) {
             iterate(self, T::Mask::splat(true), Some(&inverse));
         }
         finish(self);
@@ -174,7 +183,24 @@ impl<T: Real> Linear<T> {
         self.steps = steps;
     }
 
-    /// The solution for the right-hand side in `dx`, in its place.
+    /// The solution for the right-hand side in `dx`, in its place, by `inverse`
+    /// (of a block whose lanes are all alike) or by Smith sums.
+    #[inline(always)]
+    fn invert(&mut self, inverse: Option<&Inverse<T>>) {
+        match inverse {
+            None => self.apply_inverse(),
+            Some(Inverse::Full(inverse)) => inverse(&mut self.dx),
+            Some(Inverse::Plain(inverse)) => {
+                let mut x: Vec<f64> = self.dx.iter().map(|v| v.lane(0)).collect();
+                inverse(&mut x);
+                for (to, x) in self.dx.iter_mut().zip(x) {
+                    *to = T::splat(x);
+                }
+            }
+        }
+    }
+
+    /// [`Linear::invert`] by Smith sums.
     #[inline(always)]
     fn apply_inverse(&mut self) {
         let (x, work) = (&mut self.dx, &mut self.work);
@@ -189,14 +215,23 @@ impl<T: Real> Linear<T> {
 }
 
 /// Solves an equation for the right-hand side in its argument, in place.
-pub(crate) type Inverse = Box<dyn Fn(&mut [f64])>;
+pub(crate) enum Inverse<T> {
+    /// In one number of precision.
+    Plain(InPlace<f64>),
+    /// In that of `T`.
+    Full(InPlace<T>),
+}
+
+/// A linear map of a matrix in place.
+type InPlace<T> = Box<dyn Fn(&mut [T])>;
 
 outlined! {
     /// `X <- X + (solution for the residual)`, from `X = 0`, until the correction
     /// is small.
-    fn iterate(l: &'a mut Linear<T>, wanted: T::Mask, inverse: Option<&'a Inverse>) {
+    fn iterate(l: &'a mut Linear<T>, wanted: T::Mask, inverse: Option<&'a Inverse<T>>) {
         let nan = T::splat(f64::NAN);
         (l.residual, l.correction) = (nan, nan);
+        (l.error_bound, l.condition) = (nan, nan);
         l.done = T::Mask::splat(false);
         l.steps = T::zero();
         let mut active = wanted;
@@ -206,16 +241,7 @@ outlined! {
             }
             let size = residual(l);
             let relative = norm(&l.dx) / size;
-            match inverse {
-                Some(inverse) => {
-                    let mut x: Vec<f64> = l.dx.iter().map(|v| v.lane(0)).collect();
-                    inverse(&mut x);
-                    for (to, x) in l.dx.iter_mut().zip(x) {
-                        *to = T::splat(x);
-                    }
-                }
-                None => l.apply_inverse(),
-            }
+            l.invert(inverse);
             let none = norm(&l.dx).eq(T::zero());
             add_where(active, &mut l.x, &l.dx);
             let correction = norm(&l.dx) / norm(&l.x);
@@ -225,13 +251,86 @@ outlined! {
                 l.correction = T::select(active, correction, l.correction);
             }
             let last = active & correction.le(T::splat(LAST));
-            let finished = if round == 0 { active & none } else { last };
+            let mut finished = if round == 0 { active & none } else { last };
+            if l.bounds && finished.any() {
+                finished = measure(l, finished, correction, inverse);
+            }
             l.done = l.done | finished;
             l.correction = T::select(active & none, T::zero(), l.correction);
             l.residual = T::select(active & none, relative, l.residual);
             active = active & !finished & correction.is_finite();
         }
     }
+}
+
+outlined! {
+    /// Corrects `x` once more where `finished` and measures how much that
+    /// changed; returns the lanes in which the correction was no larger than the
+    /// one before.
+    ///
+    /// The condition is that of the worst of a few right-hand sides as large as
+    /// the terms of the residual; of a stable Lyapunov equation the identity is
+    /// the worst there is (see the correction of Riccati solutions).
+    fn measure(l: &'a mut Linear<T>, finished: T::Mask, correction: T, inverse: Option<&'a Inverse<T>>) -> T::Mask {
+        let (n, m) = (l.n, l.m);
+        let size = residual(l);
+        l.invert(inverse);
+        let scale = norm(&l.x);
+        let zero = scale.eq(T::zero());
+        let again = T::select(zero, T::zero(), norm(&l.dx) / scale);
+        let agreed = finished & again.le(correction.max(T::splat(LAST)));
+        add_where(agreed, &mut l.x, &l.dx);
+        let again_there = T::select(zero, T::zero(), share_there(l));
+        let (mut condition, mut condition_there) = (T::zero(), T::zero());
+        let exact = l.symmetric && inverse.is_none();
+        for probe in 0..if exact { 1 } else { PROBES } {
+            let share_of_entry = if exact { 1.0 } else { 1.0 / ((n * m) as f64).sqrt() };
+            let entry = size * T::splat(share_of_entry);
+            for i in 0..n {
+                for j in 0..m {
+                    l.dx[i * m + j] = if !exact {
+                        entry * T::splat(sign(probe, i) * sign(probe, j))
+                    } else if i == j {
+                        entry
+                    } else {
+                        T::zero()
+                    };
+                }
+            }
+            l.invert(inverse);
+            let share = T::select(zero, T::zero(), norm(&l.dx) / scale);
+            condition = condition.max(share);
+            condition_there = condition_there.max(T::select(zero, T::zero(), share_there(l)));
+        }
+        let bound = Amplification {
+            correction,
+            again: again.max(again_there),
+            rate: again,
+            condition: condition.max(condition_there),
+        }
+        .bound(n.max(m));
+        l.condition = T::select(agreed, condition, l.condition);
+        l.error_bound = T::select(agreed, bound, l.error_bound);
+        agreed
+    }
+}
+
+/// `|dX| / |X|` in the units of the user.
+#[inline(always)]
+fn share_there<T: Real>(l: &mut Linear<T>) -> T {
+    let [whole, part] = &mut l.p;
+    whole.copy_from_slice(&l.x);
+    part.copy_from_slice(&l.dx);
+    ratio([&l.left, &l.right], [1.0, -1.0], part, whole, [l.n, l.m])
+}
+
+/// Right-hand sides tried for the condition where the worst is not known.
+const PROBES: usize = 3;
+
+/// Signs of the right-hand side `probe`, by row and column.
+#[inline(always)]
+fn sign(probe: usize, at: usize) -> f64 {
+    if (at >> probe.saturating_sub(1)) & usize::from(probe > 0) == 1 { -1.0 } else { 1.0 }
 }
 
 outlined! {

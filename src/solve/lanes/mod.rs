@@ -21,9 +21,11 @@
 //! a Sylvester equation both coefficients must be stable, and with one `gamma`.
 
 mod balance;
+mod bound;
 mod data;
 mod double;
 mod doubling;
+mod flow;
 mod linear;
 mod newton;
 mod ops;
@@ -35,6 +37,7 @@ mod smith;
 pub(crate) use balance::balance;
 pub(crate) use data::{Data, Kind};
 pub(crate) use doubling::Coefficients;
+pub(crate) use flow::{Flow, transpose_data};
 pub(crate) use linear::{Inverse, Linear};
 pub(crate) use ops::outlined;
 pub(crate) use powers::{Cayley, Powers, gamma_of, splat};

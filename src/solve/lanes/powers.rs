@@ -10,11 +10,17 @@ use crate::small::{
 /// Squarings after which a lane is given up: a radius of `1 - 1e-15` would need
 /// 56.
 pub(crate) const MAX_SQUARINGS: usize = 60;
-/// A power of this norm or less is zero to the sums that use it, even when the
-/// other factor of the term is of order one.
-const FLOOR: f64 = 1.0 / (1_u64 << 54) as f64;
+/// A power of this norm or less (`2^-54`) is zero to the sums that use it, even
+/// when the other factor of the term is of order one.
+#[inline(always)]
+fn floor<T: Real>() -> f64 {
+    0.25 * T::EPSILON
+}
 /// The same when the power appears on both sides.
-const FLOOR_ROOT: f64 = 1.0 / (1_u64 << 27) as f64;
+#[inline(always)]
+fn floor_root<T: Real>() -> f64 {
+    floor::<T>().sqrt()
+}
 /// A stable matrix that transiently grows to this is not worked with.
 const CEILING: f64 = 1e100;
 
@@ -79,7 +85,7 @@ impl<T: Real> Powers<T> {
     /// Lanes in which `F^(2^k) X F^(2^k)'` can still be seen beside `X`.
     #[inline(always)]
     pub(crate) fn seen_twice(&self, k: usize) -> T::Mask {
-        self.norms[k].gt(T::splat(FLOOR_ROOT))
+        self.norms[k].gt(T::splat(floor_root::<T>()))
     }
 
     /// Squarings made.
@@ -159,7 +165,7 @@ outlined! {
     fn square(p: &'a mut Powers<T>, f: &'a [T]) {
         let n = p.n;
         let (zero, one) = (T::zero(), T::one());
-        let rounding = T::splat((n + 2) as f64 * f64::EPSILON);
+        let rounding = T::splat((n + 2) as f64 * T::EPSILON);
         let none = T::Mask::splat(false);
         p.f.clear();
         p.norms.clear();
@@ -171,11 +177,11 @@ outlined! {
         for _ in 0..=MAX_SQUARINGS {
             let at = p.f.len() - n * n;
             let norm = norm(&p.f[at..]);
-            let small = active & norm.le(T::splat(FLOOR));
+            let small = active & norm.le(T::splat(floor::<T>()));
             p.bound = T::select(active, norm + error, p.bound);
             p.decayed = p.decayed | small;
             // A bound far above the power itself is no proof of its size.
-            p.stable = p.stable | (small & error.le(T::splat(FLOOR_ROOT)));
+            p.stable = p.stable | (small & error.le(T::splat(floor_root::<T>())));
             active = active & !small & norm.le(T::splat(CEILING));
             for x in &mut p.f[at..] {
                 *x = T::select(active, *x, zero);

@@ -1,7 +1,9 @@
 //! One lane block of Riccati equations: scale, start, double, correct, verify.
 
 use super::balance::shift;
-use super::data::{Data, Kind, Reduced, reduce, scale_states, scale_units, unscale};
+use super::data::{
+    Data, Kind, Reduced, reduce, reduce_indefinite, scale_states, scale_units, tilt, unscale,
+};
 use super::doubling::{Coefficients, Doubling, start_continuous};
 use super::newton::Newton;
 use super::ops::{assign, largest};
@@ -21,6 +23,8 @@ pub(crate) struct Block<T: Real> {
     pub(crate) done: T::Mask,
     /// Lanes whose `R` was not positive definite.
     pub(crate) indefinite: T::Mask,
+    /// Lanes of a continuous equation with an `R` that was not positive.
+    pub(crate) odd_weight: T::Mask,
     /// Relative residual before the last correction.
     pub(crate) residual: T,
     /// Relative size of the last correction.
@@ -29,12 +33,22 @@ pub(crate) struct Block<T: Real> {
     pub(crate) steps: T,
     /// Verified margin.
     pub(crate) margin: T,
+    /// Bound on the relative error.
+    pub(crate) error_bound: T,
+    /// Amplification of a relative residual.
+    pub(crate) condition: T,
     reduced: Reduced<T>,
     doubling: Doubling<T>,
     newton: Newton<T>,
 }
 
 impl<T: Real> Block<T> {
+    /// Computes error bounds and conditions, or leaves them out.
+    #[inline(always)]
+    pub(crate) fn set_bounds(&mut self, on: bool) {
+        self.newton.bounds = on;
+    }
+
     /// Room for order `n` with `m` inputs.
     #[inline(always)]
     pub(crate) fn new(n: usize, m: usize) -> Self {
@@ -43,10 +57,13 @@ impl<T: Real> Block<T> {
             x: vec![T::zero(); n * n],
             done: T::Mask::splat(false),
             indefinite: T::Mask::splat(false),
+            odd_weight: T::Mask::splat(false),
             residual: T::zero(),
             correction: T::zero(),
             steps: T::zero(),
             margin: T::zero(),
+            error_bound: T::zero(),
+            condition: T::zero(),
             reduced: Reduced::new(n, m),
             doubling: Doubling::new(n),
             newton: Newton::new(n, m),
@@ -63,7 +80,7 @@ impl<T: Real> Block<T> {
     /// which also serves an `R` that is singular while `R + B'XB` is not.
     #[inline(always)]
     pub(crate) fn solve(&mut self, kind: Kind) {
-        self.prepare(kind);
+        self.prepare(kind, false);
         for (attempt, factor) in ATTEMPTS.into_iter().enumerate() {
             let wanted = !self.done;
             if !wanted.any() {
@@ -85,14 +102,19 @@ impl<T: Real> Block<T> {
     }
 
     /// Solves `data`, scaled in the course, from a start that `start` makes of
-    /// the scaled equation without cross term.
+    /// the scaled equation without cross term; `tilted` brings `G` to the size of
+    /// `A` instead of to that of `Q`.
     #[inline(always)]
     pub(crate) fn solve_from(
         &mut self,
         kind: Kind,
+        tilted: bool,
         start: impl FnOnce(Coefficients<'_, T>) -> Option<(Vec<T>, T)>,
     ) {
-        self.prepare(kind);
+        self.prepare(kind, true);
+        if tilted {
+            tilt(&mut self.data, &mut self.reduced);
+        }
         if let Some((x, steps)) = start(self.reduced.coefficients()) {
             self.doubling.h.copy_from_slice(&x);
             self.doubling.settled = T::Mask::splat(true);
@@ -102,16 +124,23 @@ impl<T: Real> Block<T> {
         self.finish(kind);
     }
 
-    /// Scales the data and clears the results.
+    /// Scales the data and clears the results. With `any_sign` an `R` that is not
+    /// positive is inverted all the same, in a block whose lanes are all alike.
     #[inline(always)]
-    fn prepare(&mut self, kind: Kind) {
+    fn prepare(&mut self, kind: Kind, any_sign: bool) {
         scale_units(&mut self.data);
         self.indefinite = !reduce(&mut self.reduced, &self.data, T::zero());
+        let continuous = T::Mask::splat(kind == Kind::Continuous);
+        self.odd_weight = self.indefinite & continuous;
+        if any_sign && self.indefinite.any() {
+            reduce_indefinite(&mut self.reduced, &self.data);
+        }
         scale_states(&mut self.data, kind, &mut self.reduced, &mut self.doubling);
         self.done = T::Mask::splat(false);
         self.steps = T::zero();
         let nan = T::splat(f64::NAN);
         (self.residual, self.correction, self.margin) = (nan, nan, nan);
+        (self.error_bound, self.condition) = (nan, nan);
     }
 
     /// Starts with the given factor on the Cayley parameter; false in lanes where
@@ -151,6 +180,8 @@ impl<T: Real> Block<T> {
         self.correction = T::select(settled, newton.correction, self.correction);
         let passed = settled & newton.done;
         self.margin = T::select(passed, newton.margin, self.margin);
+        self.error_bound = T::select(passed, newton.error_bound, self.error_bound);
+        self.condition = T::select(passed, newton.condition, self.condition);
         assign(passed, &mut self.x, &self.doubling.h);
         self.done = self.done | passed;
     }

@@ -151,3 +151,23 @@ fn margins_are_lower_bounds_and_tight_after_many_squarings() {
     powers.set(&[0.0]);
     assert!(powers.stable && powers.margin() == 1.0 && powers.count() == 0);
 }
+
+#[test]
+fn twice_the_precision_proves_what_one_number_cannot() {
+    use crate::real::Twice;
+    // A Jordan block whose powers grow to 1e8 before they decay.
+    let n = 10;
+    let entry = |e: usize| match e % (n + 1) {
+        0 => 0.9,
+        1 if e < n * n - 1 => 1.0,
+        _ => 0.0,
+    };
+    let block: Vec<f64> = (0..n * n).map(entry).collect();
+    let mut powers = Powers::<f64>::new(n);
+    powers.set(&block);
+    assert!(!powers.stable);
+    let block: Vec<Twice> = block.into_iter().map(Twice::splat).collect();
+    let mut powers = Powers::<Twice>::new(n);
+    powers.set(&block);
+    assert!(powers.stable && powers.margin().lane(0) > 0.0);
+}

@@ -30,6 +30,8 @@ pub(super) enum Command {
     Check(CheckArguments),
     /// Write a commented scenario to start from
     New(NewArguments),
+    /// Run the bank of a scenario on recorded data
+    Estimate(EstimateArguments),
     /// Solve a file of Riccati and Lyapunov equations
     Solve(SolveArguments),
 }
@@ -82,6 +84,41 @@ pub(super) struct NewArguments {
     /// Replace FILE if it exists
     #[arg(long)]
     pub(super) force: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct EstimateArguments {
+    /// The scenario, with [bank] and perhaps [weighting]
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// The record: CSV with a header, columns named as the outputs and inputs of the
+    /// scenario and perhaps t; blanks are missing
+    #[arg(long, value_name = "CSV")]
+    pub(super) data: PathBuf,
+    /// Also report every K-th step
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    pub(super) every: u64,
+    /// Another law in place of the scenario's
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub(super) weighting: Option<LawName>,
+    /// Print JSON in place of the tables
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum LawName {
+    /// Posterior probabilities of samples
+    Bayes,
+    /// Zhang's Algorithm 1
+    Zhang1,
+    /// Zhang's Algorithm 2
+    Zhang2,
+    /// Dunn's law as a likelihood (continuous observers)
+    Dunn,
+    /// Dunn's law as a differential equation (continuous observers)
+    DunnOde,
 }
 
 #[derive(Debug, Args)]

@@ -1,4 +1,4 @@
-//! The command `mmae`: `eip`, `check`, `new` and `solve`.
+//! The command `mmae`: `eip`, `check`, `estimate`, `new` and `solve`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
@@ -8,6 +8,7 @@
 mod arguments;
 mod check;
 mod eip;
+mod estimate;
 mod failure;
 mod new;
 mod output;
@@ -37,6 +38,7 @@ pub fn main() -> ExitCode {
         Command::Eip(args) => eip::run(args, &signals),
         Command::Check(args) => check::run(args),
         Command::New(args) => new::run(args),
+        Command::Estimate(args) => estimate::run(args, &signals),
         Command::Solve(args) => solve::run(args, &signals),
     };
     match done {

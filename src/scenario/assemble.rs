@@ -6,11 +6,12 @@ use std::sync::Arc;
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::Error;
+use super::explicit::Explicit;
 use super::places::Places;
 use super::reader::{Reader, Value, clip};
 use super::table::Table;
-use super::{FORMAT, Scenario, bank, keys, plant, settings, surroundings};
-use crate::model::{Family, Surroundings};
+use super::{FORMAT, Scenario, bank, explicit, keys, plant, settings, surroundings, weighting};
+use crate::model::{Family, Names, Surroundings, Time};
 
 /// A syntax error of the parser as an `Error`.
 pub(super) fn syntax(reader: &Reader<'_>, error: &toml::de::Error) -> Error {
@@ -35,9 +36,24 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         None => None,
     };
     let shaped = table.get("disturbance").is_some();
-    let plant = table.need("plant", "add [plant] with time, states, outputs, A, C and R");
-    let plant::Read { family, entries, surroundings: brought } =
-        plant::read(reader, plant?, shaped)?;
+    let matrices = table.get("bank").filter(|bank| {
+        let described = table.get("plant").is_some_and(|p| has(p, "A") || has(p, "family"));
+        explicit::is_explicit(bank) && !described
+    });
+    let mut models = None;
+    let (plant, read) = match matrices {
+        Some(bank) => {
+            let (read, found) = without_family(&table, bank)?;
+            models = Some(found);
+            (None, read)
+        }
+        None => {
+            let plant =
+                table.need("plant", "add [plant] with time, states, outputs, A, C and R")?;
+            (Some(plant), plant::read(reader, plant, shaped)?)
+        }
+    };
+    let plant::Read { family, entries, surroundings: brought } = read;
     let shaped = shaped || brought.disturbance.is_some();
     let names = family.names();
     let disturbance = table.get("disturbance").map(|value| {
@@ -51,7 +67,22 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
     let actuator = table.get("actuator").map(|value| surroundings::actuator(reader, value));
     let settings = table.get("eip").map(|value| settings::read(reader, value, &family));
     let weighted = plant.is_some_and(|p| has(p, "Q") || has(p, "family"));
-    let bank = table.get("bank").map(|value| bank::read(reader, value, &family, shaped, weighted));
+    // the file's own filter stands before what a built-in family brings
+    let filter_states = match &disturbance {
+        Some(own) => own.as_ref().map_or(0, |f| f.nf()),
+        None => brought.disturbance.as_ref().map_or(0, |f| f.nf()),
+    };
+    let bank = match &models {
+        Some(found) => Some(bank::explicit(reader, table.get("bank")?, &family, found)),
+        None => table
+            .get("bank")
+            .map(|value| bank::read(reader, value, &family, shaped, filter_states, weighted)),
+    };
+    let size = bank.as_ref().and_then(|b| b.as_ref()).map(|(b, _)| b.models.len());
+    let weighting = table.get("weighting").map(|value| {
+        let (models, outputs) = (size.unwrap_or(0), family.names.outputs.len());
+        weighting::read(reader, value, models, outputs, family.time.is_continuous())
+    });
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
     let mut settings = maybe(settings)?;
@@ -63,6 +94,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         }
         settings.delays = vec![delay];
     }
+    let (bank, start) = maybe(bank)?.unzip();
     let scenario = Scenario {
         title,
         surroundings: Surroundings {
@@ -72,7 +104,10 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
             input: maybe(input)?.or(brought.input),
             pade_order: actuator.pade,
         },
-        bank: maybe(bank)?,
+        bank,
+        start,
+        explicit: models,
+        weighting: maybe(weighting)?,
         settings,
         warnings: Vec::new(),
         places: Places { entries, ..places(reader, root) },
@@ -83,6 +118,41 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         without_effect(reader, &scenario);
     }
     Some(scenario)
+}
+
+/// Names, time and models of a file whose bank is given by matrices: `[plant]`
+/// then only names things.
+fn without_family<'a>(table: &Table<'_, 'a>, bank: &Value<'a>) -> Option<(plant::Read, Explicit)> {
+    let reader = table.reader;
+    let models = bank.get_ref().as_table()?.get("models")?.get_ref().as_array()?;
+    let (time, names) = match table.get("plant") {
+        Some(value) => plant::names_only(reader, value)?,
+        None => (Time::Discrete { dt: 1.0 }, Names::default()),
+    };
+    let found = explicit::read(reader, models, time)?;
+    let first = found.plants.first()?;
+    let numbered = Names::numbered(first.nx(), first.nu(), first.nw(), first.ny());
+    let mut names = names;
+    for (key, list, default) in [
+        ("states", &mut names.states, numbered.states),
+        ("inputs", &mut names.inputs, numbered.inputs),
+        ("disturbances", &mut names.disturbances, numbered.disturbances),
+        ("outputs", &mut names.outputs, numbered.outputs),
+    ] {
+        if list.is_empty() {
+            *list = default;
+        } else if list.len() != default.len() {
+            let message = format!("{} names, but the models have {}", list.len(), default.len());
+            let at = table.place("plant", key);
+            return reader.error(at, &format!("plant.{key}"), message, "name each of them");
+        }
+    }
+    let read = plant::Read {
+        family: explicit::family(first, names),
+        entries: Default::default(),
+        surroundings: Surroundings::default(),
+    };
+    Some((read, found))
 }
 
 /// An optional part: `None` when it is there and wrong.

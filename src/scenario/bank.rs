@@ -3,11 +3,14 @@
 use faer::Mat;
 use toml::de::DeValue;
 
+use super::explicit::Explicit;
 use super::family::{ExpressionFamily, Origin};
 use super::matrix::{CONSTANT, Size};
 use super::reader::{Reader, Value, all, clip};
+use super::start::{self, Start};
 use super::table::Table;
 use super::{grid, keys, suggest};
+use crate::bank::{GainMode, StartTime};
 use crate::eip::Bank;
 use crate::error::Error;
 use crate::model::{Axis, check_covariance};
@@ -16,15 +19,17 @@ use crate::observer::ObserverKind;
 /// Most models of a bank.
 const MODELS: usize = 1_000_000;
 
-/// Reads `[bank]`; `shaped` when a filter colours the disturbance.
+/// Reads `[bank]`; `shaped` when a filter colours the disturbance,
+/// `filter_states` the number of its states.
 #[expect(non_snake_case, reason = "capital letters are matrices")]
 pub(super) fn read<'a>(
     reader: &Reader<'a>,
     value: &Value<'a>,
     family: &ExpressionFamily,
     shaped: bool,
+    filter_states: usize,
     weight_given: bool,
-) -> Option<Bank> {
+) -> Option<(Bank, Start)> {
     let DeValue::Table(map) = value.get_ref() else {
         return reader.wrong_type("bank", value, "a table");
     };
@@ -51,25 +56,70 @@ pub(super) fn read<'a>(
         return table.error("shaping", "a design without the filter needs a weight", remedy);
     }
     let (parameters, models) = models?;
-    let labels = match table.get("labels") {
-        None => Some(Vec::new()),
-        Some(value) => match reader.names("bank.labels", value)? {
-            labels if labels.len() == models.len() => Some(labels),
-            labels => {
-                let message = format!("{} labels for {} models", labels.len(), models.len());
-                table.error("labels", message, "give one label a model")
-            }
-        },
+    let labels = labels(&table, models.len());
+    let shaping = shaping?;
+    let filter = if shaping { filter_states } else { 0 };
+    let start = start::read(&table, models.len(), names.states.len() + filter, continuous);
+    let bank =
+        Bank { observer: observer?, parameters, models, labels: labels?, shaping, Q: Q?, R: R? };
+    Some((bank, start?))
+}
+
+/// Reads `[bank]` around models that are given by matrices.
+pub(super) fn explicit<'a>(
+    reader: &Reader<'a>,
+    value: &Value<'a>,
+    family: &ExpressionFamily,
+    found: &Explicit,
+) -> Option<(Bank, Start)> {
+    let DeValue::Table(map) = value.get_ref() else {
+        return reader.wrong_type("bank", value, "a table");
     };
-    Some(Bank {
-        observer: observer?,
-        parameters,
-        models,
-        labels: labels?,
-        shaping: shaping?,
-        Q: Q?,
-        R: R?,
-    })
+    let table = Table::new(reader, "bank", value.span().start, map, keys::BANK);
+    if let Some(key) = ["shaping", "Q", "R"].into_iter().find(|k| table.get(k).is_some()) {
+        let message = "models given by matrices have their own";
+        return table.error(key, message, "remove it");
+    }
+    let observer = observer(&table, family)?;
+    let models = found.plants.len();
+    let labels = labels(&table, models)?;
+    let (n, continuous) = (family.names.states.len(), family.time.is_continuous());
+    let mut start = start::read(&table, models, n, continuous)?;
+    if let Some(initial) = &found.initial {
+        start.initial.clone_from(initial);
+        if table.get("gains").is_none() && initial.iter().all(|i| i.P.is_some()) {
+            start.gains = GainMode::Recursive;
+        }
+    }
+    if found.before_first && table.get("start").is_none() {
+        start.time = StartTime::FirstMeasurement;
+    }
+    let labels = if labels.is_empty() {
+        (1..=models).map(|i| format!("model {i}")).collect()
+    } else {
+        labels
+    };
+    let bank = Bank {
+        observer,
+        parameters: Vec::new(),
+        models: vec![Vec::new(); models],
+        labels,
+        shaping: false,
+        Q: None,
+        R: None,
+    };
+    Some((bank, start))
+}
+
+fn labels(table: &Table<'_, '_>, models: usize) -> Option<Vec<String>> {
+    let Some(value) = table.get("labels") else { return Some(Vec::new()) };
+    match table.reader.names("bank.labels", value)? {
+        labels if labels.len() == models => Some(labels),
+        labels => {
+            let message = format!("{} labels for {models} models", labels.len());
+            table.error("labels", message, "give one label a model")
+        }
+    }
 }
 
 fn observer(table: &Table<'_, '_>, family: &ExpressionFamily) -> Option<ObserverKind> {

@@ -1,8 +1,18 @@
 //! Every key of the language, by table.
 
 /// The top of the file.
-pub(super) const TOP: &[&str] =
-    &["format", "title", "plant", "disturbance", "input", "controller", "actuator", "bank", "eip"];
+pub(super) const TOP: &[&str] = &[
+    "format",
+    "title",
+    "plant",
+    "disturbance",
+    "input",
+    "controller",
+    "actuator",
+    "bank",
+    "weighting",
+    "eip",
+];
 /// `[plant]`.
 pub(super) const PLANT: &[&str] = &[
     "family",
@@ -27,7 +37,33 @@ pub(super) const CONTROLLER: &[&str] = &["A", "B", "C", "D"];
 /// `[actuator]`.
 pub(super) const ACTUATOR: &[&str] = &["delay", "pade"];
 /// `[bank]`.
-pub(super) const BANK: &[&str] = &["observer", "models", "labels", "shaping", "Q", "R"];
+pub(super) const BANK: &[&str] = &[
+    "observer", "models", "labels", "shaping", "Q", "R", "gains", "dt", "prior", "x0", "P0",
+    "start",
+];
+/// A model of `[bank]` given by its matrices.
+pub(super) const MODEL: &[&str] = &["A", "B", "G", "C", "Q", "R", "x0", "P0"];
+/// The same in the letters of Durbin and Koopman.
+pub(super) const MODEL_KOOPMAN: &[&str] = &["T", "B", "Z", "Q", "H", "a1", "P1"];
+/// `[weighting]`.
+pub(super) const WEIGHTING: &[&str] = &[
+    "law",
+    "n_max",
+    "reading",
+    "substeps",
+    "lambda",
+    "tempering",
+    "scheme",
+    "innovation",
+    "floor",
+    "forgetting",
+    "clip",
+    "window",
+    "mixing",
+    "stay",
+    "Pi",
+    "threshold",
+];
 /// `[eip]`.
 pub(super) const EIP: &[&str] =
     &["grid", "convention", "dt", "delays", "verify", "method", "memory_limit"];
@@ -42,6 +78,7 @@ pub(super) fn home(key: &str) -> Option<&'static str> {
         ("controller", CONTROLLER),
         ("actuator", ACTUATOR),
         ("bank", BANK),
+        ("weighting", WEIGHTING),
         ("eip", EIP),
     ];
     let mut homes = tables.iter().filter(|(_, keys)| keys.contains(&key));

@@ -17,6 +17,8 @@
 mod assemble;
 mod bank;
 mod diagnostic;
+mod estimator;
+mod explicit;
 mod expression;
 mod family;
 mod grid;
@@ -29,10 +31,12 @@ mod plant;
 mod reader;
 mod settings;
 pub(crate) mod source;
+mod start;
 mod suggest;
 mod surroundings;
 mod table;
 mod template;
+mod weighting;
 
 use std::fmt;
 use std::path::Path;
@@ -41,15 +45,19 @@ use std::sync::Arc;
 use toml::de::DeTable;
 
 pub use diagnostic::{Diagnostic, Error};
+pub use estimator::Estimator;
 pub use family::ExpressionFamily;
 pub use template::{Template, template};
 
 use crate::eip::{Bank, Study};
+use crate::engine::Weighting;
 use crate::model::Surroundings;
+use explicit::Explicit;
 use places::Places;
 use reader::Reader;
 use settings::Settings;
 use source::Source;
+use start::Start;
 
 /// The newest format of scenario files that this version reads.
 pub const FORMAT: u64 = 1;
@@ -60,6 +68,9 @@ pub struct Scenario {
     family: Arc<ExpressionFamily>,
     surroundings: Surroundings,
     bank: Option<Bank>,
+    explicit: Option<Explicit>,
+    start: Option<Start>,
+    weighting: Option<Weighting>,
     settings: Option<Settings>,
     warnings: Vec<Diagnostic>,
     places: Places,
@@ -130,23 +141,23 @@ impl Scenario {
     /// # Errors
     /// `Invalid` if one of the two is missing.
     pub fn study(&self) -> Result<Study, Error> {
-        let missing = |table: &str, remedy: &str| {
-            Error::Invalid(vec![Diagnostic {
+        let bank = self.bank.as_ref().ok_or_else(|| {
+            self.missing("bank", "add [bank] with models, the nominal values of the observers")
+        })?;
+        if self.explicit.is_some() {
+            return Err(Error::Invalid(vec![Diagnostic {
+                message: "models given by matrices have no family to sweep".into(),
+                remedy: "write the plant with parameters, and the models as their values".into(),
+                key: "bank.models".into(),
                 file: self.places.file.clone(),
                 line: 1,
                 column: 1,
-                key: table.into(),
-                message: "missing".into(),
-                remedy: remedy.into(),
-            }])
-        };
-        let bank = self.bank.as_ref().ok_or_else(|| {
-            missing("bank", "add [bank] with models, the nominal values of the observers")
-        })?;
+            }]));
+        }
         let settings = self
             .settings
             .as_ref()
-            .ok_or_else(|| missing("eip", "add [eip] with grid, the plants of the study"))?;
+            .ok_or_else(|| self.missing("eip", "add [eip] with grid, the plants of the study"))?;
         Ok(Study {
             family: self.family.clone(),
             surroundings: self.surroundings.clone(),
@@ -158,6 +169,18 @@ impl Scenario {
             method: settings.method,
             memory_limit: settings.memory_limit,
         })
+    }
+
+    /// The error for a key that a command needs and the file lacks.
+    fn missing(&self, key: &str, remedy: &str) -> Error {
+        Error::Invalid(vec![Diagnostic {
+            file: self.places.file.clone(),
+            line: 1,
+            column: 1,
+            key: key.into(),
+            message: "missing".into(),
+            remedy: remedy.into(),
+        }])
     }
 
     /// An error of the engine together with the key that is responsible, for
@@ -181,6 +204,9 @@ mod tests {
             keys::CONTROLLER,
             keys::ACTUATOR,
             keys::BANK,
+            keys::MODEL,
+            keys::MODEL_KOOPMAN,
+            keys::WEIGHTING,
             keys::EIP,
         ];
         let functions = operators::FUNCTIONS.iter().map(|f| f.name);

@@ -90,6 +90,31 @@ fn built_in<'a>(table: &Table<'_, 'a>, value: &Value<'a>) -> Option<Read> {
     })
 }
 
+/// Time and names of a plant whose matrices are those of the models.
+pub(super) fn names_only<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<(Time, Names)> {
+    let DeValue::Table(map) = value.get_ref() else {
+        return reader.wrong_type("plant", value, "a table");
+    };
+    let table = Table::new(reader, "plant", value.span().start, map, keys::PLANT);
+    let only = ["time", "dt", "states", "inputs", "disturbances", "outputs"];
+    let other = keys::PLANT.iter().find(|k| !only.contains(k) && table.get(k).is_some());
+    if let Some(key) = other {
+        let remedy = "give the whole plant, or only its names and its time";
+        return table.error(key, "the matrices are those of bank.models", remedy);
+    }
+    let list = |key: &str| match table.get(key) {
+        Some(value) => reader.names(&table.key(key), value),
+        None => Some(Vec::new()),
+    };
+    let names = Names {
+        states: list("states")?,
+        inputs: list("inputs")?,
+        disturbances: list("disturbances")?,
+        outputs: list("outputs")?,
+    };
+    Some((time(&table)?, names))
+}
+
 /// A plant of matrices.
 fn written(table: &Table<'_, '_>, shaped: bool) -> Option<Read> {
     let reader = table.reader;

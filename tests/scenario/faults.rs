@@ -82,7 +82,7 @@ fn the_base_is_valid() -> Result<(), Error> {
 fn keys() {
     check("labels", "@lables", "bank.lables", "unknown key", "did you mean 'labels'?");
     check("title", "@tilte", "tilte", "unknown key in the top", "did you mean 'title'?");
-    check("labels", "@prioir", "bank.prioir", "unknown key in bank", "observer, models, labels");
+    check("labels", "@prioir", "bank.prioir", "unknown key in bank", "did you mean 'prior'?");
     check("labels", "@delays", "bank.delays", "unknown key", "belongs in [eip]");
     check("from = 0.5", "@form = 0.5", "eip.grid.k.form", "unknown key", "mean 'from'?");
     check("[actuator]", "[@actuatr]", "actuatr", "unknown key", "mean 'actuator'?");

@@ -1,0 +1,238 @@
+//! `mmae estimate`: the bank of a scenario on recorded data.
+
+mod data;
+
+use std::io::{self, Write};
+
+use serde::Serialize;
+
+use super::arguments::{EstimateArguments, LawName};
+use super::failure::{Failure, say};
+use super::output;
+use super::signals::Signals;
+use crate::engine::{Estimate, Mmae};
+use crate::report::{layout, significant};
+use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
+use crate::weight::Law;
+use data::Record;
+
+pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Failure> {
+    let scenario = Scenario::from_file(&args.file)?;
+    for warning in scenario.warnings() {
+        say("warning", &warning.to_string());
+    }
+    let mut estimator = scenario.estimator()?;
+    if let Some(name) = args.weighting {
+        estimator.weighting.law = law(name);
+    }
+    let record = data::read(&args.data, &estimator.names)?;
+    let mut mmae = estimator.start().map_err(|e| scenario.explain(e))?;
+    for (i, failure) in mmae.bank().failures().iter().enumerate() {
+        if let Some(failure) = failure {
+            let label = &estimator.labels[i];
+            say("warning", &format!("model {} ({label}) is unusable: {failure}", i + 1));
+        }
+    }
+    let rows = filter(args, &estimator, &record, &mut mmae, signals)?;
+    let estimate = mmae.estimate();
+    for (i, failed) in estimate.failed.iter().enumerate() {
+        if *failed && mmae.bank().failures()[i].is_none() {
+            say("warning", &format!("model {} ({}) ran away", i + 1, estimator.labels[i]));
+        }
+    }
+    output::print(Some(signals), |out| {
+        if args.json {
+            print_json(out, &estimator, estimate, &rows)
+        } else {
+            print_text(out, &estimator, estimate, &rows)
+        }
+    })
+}
+
+fn law(name: LawName) -> Law {
+    match name {
+        LawName::Bayes => Law::Bayes,
+        LawName::Zhang1 => Law::Zhang { n_max: 1.0 },
+        LawName::Zhang2 => Law::Zhang { n_max: f64::INFINITY },
+        LawName::Dunn => Law::Likelihood,
+        LawName::DunnOde => Law::Ode { substeps: 4 },
+    }
+}
+
+/// A step that is reported.
+#[derive(Serialize)]
+struct Row {
+    t: f64,
+    p: Vec<f64>,
+    theta_hat: Vec<f64>,
+    x_hat: Vec<f64>,
+    nis: Vec<Option<f64>>,
+}
+
+/// Runs the record through the bank; every K-th step is kept.
+fn filter(
+    args: &EstimateArguments,
+    estimator: &Estimator,
+    record: &Record,
+    mmae: &mut Mmae,
+    signals: &Signals,
+) -> Result<Vec<Row>, Failure> {
+    let [_, m, q] = mmae.bank().sizes();
+    let dt = mmae.bank().dt();
+    let missing = vec![f64::NAN; q];
+    let mut rows = Vec::new();
+    for k in 0..record.len {
+        if signals.raised() {
+            return Err(Failure::Cancelled);
+        }
+        let u = &record.u[k * m..][..m];
+        // a gap in the times is so many measurements that are missing
+        for _ in 1..steps(args, record, k, dt)? {
+            mmae.step(u, &missing).map_err(|e| Failure::Numerical(vec![e.to_string()]))?;
+        }
+        let y = &record.y[k * q..][..q];
+        let step = mmae.step(u, y);
+        let e = step.map_err(|e| Failure::Numerical(vec![format!("sample {}: {e}", k + 1)]))?;
+        if args.every > 0 && (k as u64 + 1).is_multiple_of(args.every) {
+            rows.push(Row {
+                t: record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]),
+                p: e.p.clone(),
+                theta_hat: theta(estimator, e),
+                x_hat: e.x_hat.clone(),
+                nis: e.nis.iter().map(|v| v.is_finite().then_some(*v)).collect(),
+            });
+        }
+    }
+    Ok(rows)
+}
+
+/// Sampling intervals between sample `k` and the one before.
+fn steps(args: &EstimateArguments, record: &Record, k: usize, dt: f64) -> Result<u64, Error> {
+    let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Ok(1) };
+    let ratio = (t[k] - t[k - 1]) / dt;
+    let whole = ratio.round();
+    if (ratio - whole).abs() > 1e-3 || !(1.0..=1e6).contains(&whole) {
+        return Err(Error::Invalid(vec![Diagnostic {
+            file: args.data.display().to_string(),
+            line: k + 2,
+            column: 1,
+            key: "t".into(),
+            message: format!(
+                "{} s after the sample before, not a multiple of dt = {dt} s",
+                t[k] - t[k - 1]
+            ),
+            remedy: "give the sampling interval of the record as dt, or leave out the times".into(),
+        }]));
+    }
+    Ok(whole as u64)
+}
+
+fn theta(estimator: &Estimator, e: &Estimate) -> Vec<f64> {
+    (0..estimator.parameters.len())
+        .map(|k| e.mean(&estimator.values.iter().map(|v| v[k]).collect::<Vec<_>>()))
+        .collect()
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    version: &'static str,
+    parameters: &'a [String],
+    models: &'a [Vec<f64>],
+    labels: &'a [String],
+    law: &'static str,
+    samples: u64,
+    log_weights: Vec<Option<f64>>,
+    p: &'a [f64],
+    theta_hat: Vec<f64>,
+    identified: Vec<f64>,
+    best: Option<usize>,
+    n_eff: f64,
+    loglik: Vec<Option<f64>>,
+    states: &'a [String],
+    x_hat: &'a [f64],
+    failed: &'a [bool],
+    #[serde(skip_serializing_if = "<[_]>::is_empty")]
+    record: &'a [Row],
+}
+
+fn print_json(
+    out: &mut dyn Write,
+    estimator: &Estimator,
+    e: &Estimate,
+    rows: &[Row],
+) -> io::Result<()> {
+    let finite = |list: &[f64]| list.iter().map(|v| v.is_finite().then_some(*v)).collect();
+    let document = Document {
+        schema: "mmae.estimate/1",
+        version: env!("CARGO_PKG_VERSION"),
+        parameters: &estimator.parameters,
+        models: &estimator.values,
+        labels: &estimator.labels,
+        law: estimator.weighting.law.name(),
+        samples: e.step,
+        log_weights: finite(&e.log_p),
+        p: &e.p,
+        theta_hat: theta(estimator, e),
+        identified: (0..e.p.len()).map(|i| f64::from(u8::from(e.best == Some(i)))).collect(),
+        best: e.best,
+        n_eff: e.n_eff,
+        loglik: finite(&e.log_lik_models),
+        states: &estimator.names.states,
+        x_hat: &e.x_hat,
+        failed: &e.failed,
+        record: rows,
+    };
+    serde_json::to_writer(&mut *out, &document)?;
+    out.write_all(b"\n")
+}
+
+fn print_text(
+    out: &mut dyn Write,
+    estimator: &Estimator,
+    e: &Estimate,
+    rows: &[Row],
+) -> io::Result<()> {
+    writeln!(
+        out,
+        "{} samples, {} models, law {}.\n",
+        e.step,
+        e.p.len(),
+        estimator.weighting.law.name()
+    )?;
+    for row in rows {
+        let best = (0..row.p.len()).max_by(|&i, &j| row.p[i].total_cmp(&row.p[j])).unwrap_or(0);
+        let theta: Vec<String> = row.theta_hat.iter().map(|v| significant(*v, 5)).collect();
+        writeln!(
+            out,
+            "t = {}  {} ({:.4})  {}",
+            significant(row.t, 6),
+            estimator.labels[best],
+            row.p[best],
+            theta.join("  ")
+        )?;
+    }
+    let lines = (0..e.p.len()).map(|i| {
+        [
+            estimator.labels[i].clone(),
+            format!("{:.6}", e.p[i]),
+            significant(e.log_p[i], 6),
+            significant(e.log_lik_models[i], 8),
+            if e.failed[i] {
+                "failed".into()
+            } else if e.best == Some(i) {
+                "<".into()
+            } else {
+                String::new()
+            },
+        ]
+    });
+    out.write_all(layout::grid(&["model", "p", "ln p", "ln likelihood", ""], lines).as_bytes())?;
+    for (name, value) in estimator.parameters.iter().zip(theta(estimator, e)) {
+        writeln!(out, "{name} = {} (mean over the weights)", significant(value, 6))?;
+    }
+    for (name, value) in estimator.names.states.iter().zip(&e.x_hat) {
+        writeln!(out, "{name} = {}", significant(*value, 6))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,131 @@
+//! `mmae estimate` from the outside: recorded data in, weights out.
+#![cfg(feature = "cli")]
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::Value;
+
+fn estimate(args: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_mmae"));
+    command.arg("estimate").args(args).stdin(Stdio::null()).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+fn file(name: &str, text: &str) -> String {
+    let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("estimate");
+    fs::create_dir_all(&dir).unwrap();
+    let path = dir.join(name);
+    fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
+fn example(name: &str) -> String {
+    format!("{}/examples/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn numbers(v: &Value) -> Vec<f64> {
+    v.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+fn reference() -> Value {
+    let path = format!("{}/tests/data/banks.json", env!("CARGO_MANIFEST_DIR"));
+    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+}
+
+#[test]
+fn the_nile_has_its_published_posterior() {
+    let (scenario, data) = (example("nile.toml"), example("nile.csv"));
+    let out = estimate(&[&scenario, "--data", &data, "--json", "--every", "50"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let got: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let want = reference()["cases"][0]["expected"].as_array().unwrap().last().unwrap().clone();
+    assert_eq!(want["t"], got["samples"]);
+    for (g, w) in [("p", "post"), ("log_weights", "logpost"), ("loglik", "loglik_models")] {
+        for (g, w) in numbers(&got[g]).iter().zip(numbers(&want[w])) {
+            assert!((g - w).abs() <= 1e-9 * w.abs().max(1e-3), "{g} {w}");
+        }
+    }
+    assert_eq!(got["record"].as_array().unwrap().len(), 2);
+    assert_eq!(numbers(&got["identified"]).iter().sum::<f64>(), 1.0);
+    assert_eq!(got["theta_hat"].as_array().unwrap().len(), 2);
+    let text_out = estimate(&[&scenario, "--data", &data]);
+    assert!(
+        text(&text_out.stdout).contains("100 samples, 25 models"),
+        "{}",
+        text(&text_out.stdout)
+    );
+}
+
+/// The same bank, its models as matrices, on another law.
+#[test]
+fn models_as_matrices() {
+    let case = &reference()["cases"][0];
+    let rows = |v: &Value| v.to_string();
+    let models: Vec<String> = case["models"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|m| {
+            let keys = ["T", "Z", "H", "Q", "a1", "P1"];
+            let list: Vec<String> =
+                keys.iter().map(|k| format!("{k} = {}", rows(&m[*k]))).collect();
+            format!("  {{ {} }},\n", list.join(", "))
+        })
+        .collect();
+    let scenario = format!(
+        "format = 1\n[plant]\ntime = \"discrete\"\ndt = 1\noutputs = [\"flow\"]\n\
+         [bank]\nmodels = [\n{}]\n",
+        models.concat()
+    );
+    let path = file("matrices.toml", &scenario);
+    let out = estimate(&[&path, "--data", &example("nile.csv"), "--json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let family = estimate(&[&example("nile.toml"), "--data", &example("nile.csv"), "--json"]);
+    let (a, b): (Value, Value) = (
+        serde_json::from_slice(&out.stdout).unwrap(),
+        serde_json::from_slice(&family.stdout).unwrap(),
+    );
+    for (a, b) in numbers(&a["log_weights"]).iter().zip(numbers(&b["log_weights"])) {
+        assert!((a - b).abs() < 1e-9);
+    }
+    let other =
+        estimate(&[&path, "--data", &example("nile.csv"), "--json", "--weighting", "zhang1"]);
+    let c: Value = serde_json::from_slice(&other.stdout).unwrap();
+    assert_eq!(c["law"], "zhang1");
+    assert_ne!(c["p"], a["p"]);
+}
+
+#[test]
+fn gaps_blanks_and_mistakes() {
+    let scenario = example("nile.toml");
+    let with =
+        |name: &str, body: &str| estimate(&[&scenario, "--data", &file(name, body), "--json"]);
+    // a year that is left out is a year without a measurement
+    let gap = with("gap.csv", "t,flow\n1,1120\n2,1160\n4,1210\n");
+    let blank = with("blank.csv", "t,flow\n1,1120\n2,1160\n3,\n4,1210\n");
+    let (a, b): (Value, Value) = (
+        serde_json::from_slice(&gap.stdout).unwrap(),
+        serde_json::from_slice(&blank.stdout).unwrap(),
+    );
+    assert_eq!(a, b);
+    for (name, body, needle) in [
+        ("column.csv", "t,flaw\n1,2\n", "no such column"),
+        ("number.csv", "flow\n1120\nabc\n", "number.csv:3:1: flow: 'abc' is not a finite number"),
+        ("inf.csv", "flow\n1120\ninf\n", "not a finite number"),
+        ("time.csv", "t,flow\n2,1\n1,1\n", "times must increase"),
+        ("ratio.csv", "t,flow\n1,1\n2.5,1\n", "not a multiple of dt"),
+        ("ragged.csv", "t,flow\n1,1\n2\n", "ragged.csv:3"),
+        ("empty.csv", "flow\n", "no samples"),
+    ] {
+        let out = with(name, body);
+        assert_eq!(out.status.code(), Some(3), "{name}: {}", text(&out.stderr));
+        assert!(text(&out.stderr).contains(needle), "{name}: {}", text(&out.stderr));
+    }
+    let out = estimate(&[&scenario, "--data", "no such file.csv"]);
+    assert_eq!(out.status.code(), Some(6));
+}

@@ -10,5 +10,7 @@ mod faults;
 mod ode;
 #[path = "solve/properties.rs"]
 mod properties;
+#[path = "solve/reasons.rs"]
+mod reasons;
 #[path = "solve/reference.rs"]
 mod reference;

@@ -10,9 +10,13 @@ use crate::real::{Mask, Real};
 use crate::small::{Dyn, cholesky, mul, mul_tn, solve_lower, sym_mul_nt, symmetrize};
 
 /// Corrections after which a lane is given up.
-const MAX_CORRECTIONS: usize = 6;
+const MAX_CORRECTIONS: usize = 8;
 /// Relative correction whose square is below rounding: it is the last.
 const LAST: f64 = 1e-10;
+/// A correction larger than this must be followed, with the same closed loop, by
+/// one a sixteenth its size. On the boundary of stability, where there is no
+/// solution, that one is a quarter.
+const ROUNDING: f64 = 1e-14;
 
 /// Added to the diagonal of `X` before it is factored, relative to the entry and
 /// (times the share) to the largest: a singular `X` has roundings for eigenvalues.
@@ -260,7 +264,8 @@ outlined! {
         let scale = norm(x);
         let zero = scale.eq(T::zero());
         let again = T::select(zero, T::zero(), norm(&w.dx) / scale);
-        let agreed = last & regular & again.le(correction.max(T::splat(LAST)));
+        let fast = again.le(correction * T::splat(0.0625)) | correction.le(T::splat(ROUNDING));
+        let agreed = last & regular & fast & again.le(T::splat(LAST));
         add_where(agreed, x, &w.dx);
         let again_there = T::select(zero, T::zero(), share_there(w, d, x));
         w.dx.fill(T::zero());

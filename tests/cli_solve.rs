@@ -53,6 +53,10 @@ fn the_collections_are_solved_in_their_order() {
                 continue;
             }
             assert_eq!(f["status"], "ok");
+            assert!(f["error_bound"].as_f64().is_some_and(|e| e >= 0.0), "{f}");
+            if w["expect"] == "critical" {
+                assert_eq!(f["reliable"], false, "{f}");
+            }
             assert!(f["residual"].as_f64().unwrap() < 1e-8, "{f}");
             assert!(f["iterations"].as_u64().unwrap() > 0);
             if w["expect"] == "solution" {

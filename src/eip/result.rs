@@ -224,6 +224,8 @@ pub enum Method {
 /// identified as.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EipSets {
+    /// Title for text and pictures, if the study has one.
+    pub title: Option<String>,
     /// Names of the parameters of grid and models.
     pub parameters: Vec<String>,
     /// The bank.

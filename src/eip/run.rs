@@ -53,6 +53,7 @@ pub(crate) fn run(setup: &Setup, control: &RunControl<'_>) -> Result<EipSets> {
         method = engine.method;
     }
     Ok(EipSets {
+        title: study.title.clone(),
         parameters: setup.parameters.clone(),
         models: setup.models.clone(),
         convention: study.convention,

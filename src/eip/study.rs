@@ -48,6 +48,8 @@ pub struct Cost {
 /// [`Study::new`] gives the usual settings; the fields change them.
 #[derive(Clone)]
 pub struct Study {
+    /// Title for text and pictures.
+    pub title: Option<String>,
     /// The plants.
     pub family: Arc<dyn Family>,
     /// What surrounds them.
@@ -77,6 +79,7 @@ impl Study {
             crate::model::Time::Discrete { dt } => Convention::Baram { dt },
         };
         Self {
+            title: None,
             family,
             surroundings: Surroundings::default(),
             bank,

@@ -38,6 +38,7 @@ pub fn to_string(sets: &EipSets) -> String {
 struct Document<'a> {
     schema: &'static str,
     version: &'static str,
+    title: Option<&'a str>,
     parameter: Option<&'a str>,
     parameters: &'a [String],
     models: Vec<ModelValues<'a>>,
@@ -74,6 +75,7 @@ impl<'a> Document<'a> {
         Self {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION"),
+            title: sets.title.as_deref(),
             parameter: match axes {
                 [(name, _)] => Some(name),
                 _ => None,

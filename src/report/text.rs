@@ -54,6 +54,9 @@ fn heading(out: &mut String, sets: &EipSets) {
             format!("{name} in [{}, {}]", plain(from), plain(to))
         })
         .collect();
+    if let Some(title) = &sets.title {
+        line(out, &shorten(title, 3 * WIDTH));
+    }
     line(
         out,
         &format!(

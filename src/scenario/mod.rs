@@ -159,6 +159,7 @@ impl Scenario {
             .as_ref()
             .ok_or_else(|| self.missing("eip", "add [eip] with grid, the plants of the study"))?;
         Ok(Study {
+            title: self.title.clone(),
             family: self.family.clone(),
             surroundings: self.surroundings.clone(),
             bank: bank.clone(),

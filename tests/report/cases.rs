@@ -123,6 +123,7 @@ fn at_nominals(n: usize) -> Vec<f64> {
 
 fn line(parameter: &str, axis: Axis, nominals: &[f64], cases: Vec<Case>) -> EipSets {
     EipSets {
+        title: None,
         parameters: names(&[parameter]),
         models: nominals.iter().map(|v| model(&[parameter], &[*v])).collect(),
         convention: Convention::Ito,
@@ -375,6 +376,7 @@ fn product(axes: &[(&str, f64, f64, usize)]) -> EipSets {
     }
     case.checked_pairs = 64;
     EipSets {
+        title: None,
         parameters: names(&parameters),
         at_nominals: at_nominals(models.len()),
         models,

@@ -21,6 +21,8 @@ pub(super) struct Answer {
     pub(super) X: Option<Vec<Vec<f64>>>,
     pub(super) residual: Option<f64>,
     pub(super) error_bound: Option<f64>,
+    pub(super) condition: Option<f64>,
+    pub(super) reliable: Option<bool>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) cl_abscissa: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -39,6 +41,8 @@ impl Answer {
             X: None,
             residual: None,
             error_bound: None,
+            condition: None,
+            reliable: None,
             cl_abscissa: None,
             cl_radius: None,
             iterations: None,
@@ -67,6 +71,8 @@ impl Answer {
             X: Some(x.chunks_exact(n).map(<[f64]>::to_vec).collect()),
             residual: finite(report.residual),
             error_bound: report.error_bound.and_then(finite),
+            condition: report.condition.and_then(finite),
+            reliable: Some(report.reliable),
             cl_abscissa: continuous.then_some(abscissa),
             cl_radius: (!continuous).then_some(radius),
             iterations: Some(report.iterations),

@@ -114,9 +114,10 @@ fn print_text(out: &mut dyn Write, answers: &[Answer]) -> io::Result<()> {
             number(a.error_bound, 1),
             number(margin, 1),
             a.iterations.map_or_else(|| "-".into(), |v| v.to_string()),
+            if a.reliable == Some(false) { "not reliable".into() } else { String::new() },
         ]
     });
-    let head = ["id", "eq", "n", "residual", "error bound", "margin", "steps"];
+    let head = ["id", "eq", "n", "residual", "error bound", "margin", "steps", ""];
     out.write_all(layout::grid(&head, rows).as_bytes())?;
     for a in answers {
         if let (Some(code), Some(message)) = (a.code, &a.message) {

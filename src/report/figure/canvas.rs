@@ -6,6 +6,7 @@ use svg::node::element::{
 
 use super::palette::{Color, FAINT, GREY, INK};
 use super::scale::Scale;
+use crate::eip::EipSets;
 
 /// Font sizes in units of a picture 960 wide: legible at 600 pixels.
 pub(super) const TITLE: f64 = 23.0;
@@ -275,4 +276,15 @@ pub(super) const NAME: f64 = 54.0;
 pub(super) fn y_label(x: f64, area: Area, content: &str) -> Text {
     let y = area.y + area.h / 2.0;
     centered(x, y, LABEL, content).set("transform", format!("rotate(-90 {} {})", px(x), px(y)))
+}
+
+/// The heading: the title of the study, shortened to `room`, or else `what`.
+pub(super) fn heading(sets: &EipSets, what: &str, room: f64) -> String {
+    let Some(title) = &sets.title else { return what.into() };
+    // bold letters are a tenth wider
+    match wrapped(title, TITLE * 1.1, room).as_slice() {
+        [] => what.into(),
+        [line] => line.clone(),
+        [first, ..] => format!("{first} .."),
+    }
 }

@@ -34,11 +34,12 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let number = canvas::width(&sets.models.len().to_string(), TICK) + 8.0;
     let right = if labels.is_empty() { 30.0 } else { widest + number + 32.0 };
 
-    let title = format!("EIP sets of {name}");
+    let what = format!("EIP sets of {name}");
+    let title = canvas::heading(sets, &what, WIDTH - left - 20.0);
     let mut top = 40.0;
     let mut head =
         Group::new().add(canvas::text(left, top, TITLE, &title).set("font-weight", "bold"));
-    for text in canvas::wrapped(&subtitle(sets), NOTE, WIDTH - left - 20.0) {
+    for text in canvas::wrapped(&subtitle(sets, &what), NOTE, WIDTH - left - 20.0) {
         top += 23.0;
         head = head.add(canvas::text(left, top, NOTE, &text).set("fill", GREY));
     }
@@ -101,7 +102,7 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
         .add(body)
 }
 
-fn subtitle(sets: &EipSets) -> String {
+fn subtitle(sets: &EipSets, what: &str) -> String {
     let mut parts = vec![
         summary::count(sets.models.len(), "model"),
         summary::count(sets.grid.len(), "plant"),
@@ -117,7 +118,9 @@ fn subtitle(sets: &EipSets) -> String {
         )),
         [] => {}
     }
-    parts.join(", ")
+    let line = parts.join(", ");
+    // the picture's own heading stands where the study has no title
+    if sets.title.is_some() { format!("{what}: {line}") } else { line }
 }
 
 /// What the marks mean, for the marks that occur.

@@ -22,11 +22,14 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
 
     let right = 236.0;
     let left = 40.0 + canvas::y_axis_width(&Scale::of_axis(y_axis, 500.0, 0.0), 60.0).max(36.0);
-    let title = format!("EIP sets of {x_name} and {y_name}");
+    let what = format!("EIP sets of {x_name} and {y_name}");
+    let title = canvas::heading(sets, &what, WIDTH - left - 20.0);
     let mut top = 40.0;
     let mut head =
         Group::new().add(canvas::text(left, top, TITLE, &title).set("font-weight", "bold"));
-    for text in canvas::wrapped(&plane.subtitle(), NOTE, WIDTH - left - 20.0) {
+    let line = plane.subtitle();
+    let line = if sets.title.is_some() { format!("{what}: {line}") } else { line };
+    for text in canvas::wrapped(&line, NOTE, WIDTH - left - 20.0) {
         top += 23.0;
         head = head.add(canvas::text(left, top, NOTE, &text).set("fill", GREY));
     }

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::continuous;
+use super::continuous::{self, Held};
 use super::covariance::{HALF_LN_2_PI, Predict, Update};
 use super::matrices::{Matrices, Sizes, panel, whitener};
 use super::members::Members;
@@ -17,7 +17,9 @@ pub enum GainMode {
     /// From the steady-state covariance of each model.
     #[default]
     Steady,
-    /// From the covariance recursion, starting at `P(0)`.
+    /// From the covariance recursion, starting at `P(0)`. In continuous time the
+    /// Riccati differential equation, exact, and the gain of the middle of each
+    /// step.
     Recursive,
 }
 
@@ -73,6 +75,11 @@ pub struct Gains {
     /// True while the gains in `coefficients` are for all outputs.
     complete: bool,
     spare: Option<[Panel; 3]>,
+    /// Continuous recursion: the models, the length of a part of a step, and
+    /// whether the covariance has come to rest.
+    plants: Vec<Plant>,
+    part: f64,
+    settled: bool,
 }
 
 impl Gains {
@@ -151,15 +158,11 @@ impl Gains {
             coefficients,
             complete: false,
             spare: None,
+            plants: Vec::new(),
+            part: dt,
+            settled: false,
         };
         if continuous {
-            let designs: Vec<&Observer> = steady.iter().flatten().copied().collect();
-            if mode == GainMode::Recursive {
-                return Err(Error::Conflict {
-                    problem: "a continuous observer with recursive gains".into(),
-                    remedy: "use steady gains, or sample the plant and run Kalman filters".into(),
-                });
-            }
             let parts = settings.parts.max(1);
             if settings.parts > 0 && plants.iter().any(|p| p.R != plants[0].R) {
                 return Err(Error::Conflict {
@@ -167,7 +170,18 @@ impl Gains {
                     remedy: "give all models one R, or use another law".into(),
                 });
             }
-            continuous::hold(&designs, dt / parts as f64, dt, &mut gains.coefficients)?;
+            gains.part = dt / parts as f64;
+            if mode == GainMode::Recursive {
+                gains.plants = plants.iter().map(|p| (*p).clone()).collect();
+                gains.update(&vec![true; q]);
+                // the first step begins at the start
+                gains.p = gains.prior.clone();
+                gains.settled = false;
+            } else {
+                let held: Vec<Held<'_>> =
+                    steady.iter().flatten().map(|o| Held::steady(o)).collect();
+                continuous::hold(&held, gains.part, dt, &mut gains.coefficients)?;
+            }
         } else {
             for (k, design) in steady.iter().enumerate() {
                 let known = design.and_then(|o| whitener("S", o.S.as_ref()).ok());
@@ -203,6 +217,9 @@ impl Gains {
     /// Gains and covariances for a measurement of the outputs that are present.
     pub fn update(&mut self, present: &[bool]) {
         if self.continuous {
+            if self.mode == GainMode::Recursive && !self.settled {
+                self.advance();
+            }
             return;
         }
         let all = present.iter().all(|&p| p);
@@ -245,6 +262,54 @@ impl Gains {
                 });
             }
         }
+    }
+
+    /// Continuous time: the gain of the middle of the step, and `P` at its end.
+    fn advance(&mut self) {
+        let models = self.plants.len();
+        let noise = self.matrices.q.to_row_major();
+        let half = 0.5 * self.dt;
+        self.prior.clone_from(&self.p);
+        continuous::flow(&self.plants, &noise, &mut self.p, half);
+        let n = self.sizes.n;
+        let mut bad = Vec::new();
+        let held: Vec<Held<'_>> = (0..models)
+            .map(|k| {
+                let p = Mat::from_fn(n, n, |i, j| self.p.get(k, i, j));
+                let finite = (0..n * n).all(|e| p[(e / n, e % n)].is_finite());
+                let plant = &self.plants[k];
+                let zero = || Held {
+                    plant,
+                    gain: Mat::zeros(n, self.sizes.q),
+                    covariance: Mat::zeros(n, n),
+                };
+                match Held::at(plant, p).filter(|_| finite) {
+                    Some(held) => held,
+                    None => {
+                        bad.push(k);
+                        zero()
+                    }
+                }
+            })
+            .collect();
+        let failed = continuous::hold(&held, self.part, self.dt, &mut self.coefficients).is_err();
+        drop(held);
+        for k in 0..models {
+            if failed || bad.contains(&k) {
+                // evidence that is no number marks the member
+                self.coefficients.log_norm.set(k, 0, 0, f64::NAN);
+                self.coefficients.bias.set(k, 0, 0, f64::NAN);
+            }
+        }
+        self.coefficients.log_norm.fill_padding();
+        self.coefficients.bias.fill_padding();
+        continuous::flow(&self.plants, &noise, &mut self.p, half);
+        // at rest once a step changes no covariance by more than rounding
+        let (before, after) = (self.prior.to_row_major(), self.p.to_row_major());
+        self.settled = before.chunks(n * n).zip(after.chunks(n * n)).all(|(a, b)| {
+            let size = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 4.0 * f64::EPSILON * size)
+        });
     }
 
     /// The coefficients of the present step.

@@ -1,7 +1,7 @@
 //! Kalman-Bucy banks on the oscillator's record of increments.
 
 use mmae::Mat;
-use mmae::bank::{Members, Settings};
+use mmae::bank::{GainMode, Initial, Members, Settings};
 use mmae::engine::{Mmae, Weighting};
 use mmae::model::{Family, Plant, Time, sample, systems};
 use mmae::observer::ObserverKind;
@@ -94,4 +94,40 @@ fn differential_equation_by_runge_kutta() {
 #[test]
 fn sampled_filters_with_bayes() {
     run(Law::Bayes, true, "discrete_kf");
+}
+
+/// The covariance of the differential equation from P(0) = I, whatever the step.
+#[test]
+fn covariances_follow_the_riccati_equation() {
+    let data = read("oscillator_bank.json");
+    let theta = vector(&data["params"]["theta"]);
+    for dt in [0.05, 0.025] {
+        let mut members = Members::new(ObserverKind::KalmanBucy, plants(&data));
+        members.initial = vec![Initial { x_hat: vec![0.0; 3], P: Some(Mat::identity(3, 3)) }];
+        let settings = Settings { dt: Some(dt), gains: GainMode::Recursive, ..Settings::default() };
+        let weighting = Weighting { law: Law::Likelihood, ..Weighting::default() };
+        let mut mmae = Mmae::new(&members, &settings, &weighting, &[1.0; 4]).unwrap();
+        let items = list(&data["riccati_ode"]["items"]);
+        let (mut t, mut seen) = (0.0, 0);
+        for k in 1..=4000 {
+            mmae.step(&[], &[(0.1 * f64::from(k)).sin()]).unwrap();
+            t += dt;
+            for item in items.iter().filter(|i| (number(&i["t"]) - t).abs() < 1e-9) {
+                let Some(model) = theta.iter().position(|w| *w == number(&item["wn"])) else {
+                    continue;
+                };
+                let p = mmae.bank().covariance(model);
+                let flat: Vec<f64> = (0..9).map(|e| p[(e / 3, e % 3)]).collect();
+                close(&format!("P({t})"), &flat, &vector(&item["P"]), 1e-8, 0.0);
+                seen += 1;
+            }
+        }
+        assert!(seen >= 3, "{seen} items");
+        // at the end the filters are the steady ones
+        let steady = mmae::observer::design(ObserverKind::KalmanBucy, &plants(&data));
+        for (i, o) in steady.into_iter().enumerate() {
+            let (p, o) = (mmae.bank().covariance(i), o.unwrap());
+            assert!((&p - &o.P).norm_l2() < 1e-9 * o.P.norm_l2());
+        }
+    }
 }

@@ -19,6 +19,8 @@ pub mod weight;
 
 pub mod engine;
 
+pub mod sim;
+
 #[cfg(feature = "scenario")]
 pub mod scenario;
 

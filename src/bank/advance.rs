@@ -2,7 +2,7 @@
 
 use super::gains::Coefficients;
 use super::matrices::Sizes;
-use super::states::{Each, Source, correct, innovate, propagate, whiten};
+use super::states::{Each, Repeat, Source, correct, innovate, propagate, whiten};
 use crate::real::Real;
 use crate::simd::{Block, Kernel, Panel, groups, load_group, store_group};
 
@@ -98,7 +98,7 @@ impl Kernel for Advance<'_> {
                     }
                     sum
                 } else {
-                    whiten(Common(self.norm), r)
+                    whiten(Repeat(self.norm), r)
                 };
                 let nis = whiten(w, r);
                 let log_lik = T::splat(0.5).neg_mul_add(nis, log_norm);
@@ -134,17 +134,6 @@ impl Kernel for Advance<'_> {
                 store_group(&numbers, group, self.numbers.block_mut(block));
             }
         }
-    }
-}
-
-/// One matrix for all models.
-#[derive(Clone, Copy)]
-struct Common<'a>(&'a [f64]);
-
-impl<T: Real> Source<T> for Common<'_> {
-    #[inline(always)]
-    fn at(self, e: usize) -> T {
-        T::splat(self.0[e])
     }
 }
 

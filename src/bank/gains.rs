@@ -344,6 +344,11 @@ impl Gains {
         self.p.fill_padding();
     }
 
+    /// All covariances: the recursion goes on from them alone.
+    pub(crate) fn covariances(&self) -> &Panel {
+        &self.p
+    }
+
     /// Where the gains come from.
     pub fn mode(&self) -> GainMode {
         self.mode

@@ -24,4 +24,6 @@ mod stream;
 
 pub use gains::{Coefficients, GainMode, Gains, Settings};
 pub use members::{Initial, Members, StartTime};
+pub(crate) use states::{Repeat, correct, innovate, propagate, whiten};
+pub(crate) use stream::norm_factor;
 pub use stream::{Bank, Step};

@@ -1,7 +1,7 @@
 //! What a step does to the states, written once for both lane axes.
 //!
 //! A [`Source`] gives the coefficients: [`Each`] loads those of eight models,
-//! [`Broadcast`] repeats those of one model for eight trials. The order of the
+//! [`Repeat`] gives those of one model to eight trials. The order of the
 //! operations is the same, and so are the bits.
 
 use crate::real::Real;
@@ -29,16 +29,12 @@ impl<T: Real> Source<T> for Each<'_> {
 
 /// One model in every lane.
 #[derive(Clone, Copy)]
-#[expect(dead_code, reason = "trials in lanes are to come")]
-pub(crate) struct Broadcast<'a> {
-    pub(crate) blocks: &'a [Block],
-    pub(crate) lane: usize,
-}
+pub(crate) struct Repeat<'a>(pub(crate) &'a [f64]);
 
-impl<T: Real> Source<T> for Broadcast<'_> {
+impl<T: Real> Source<T> for Repeat<'_> {
     #[inline(always)]
     fn at(self, e: usize) -> T {
-        T::splat(self.blocks[e].0[self.lane])
+        T::splat(self.0[e])
     }
 }
 

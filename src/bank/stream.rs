@@ -280,7 +280,7 @@ impl Bank {
 }
 
 /// Lower triangular `M` with `M' M = W`, row-major: `|M r|^2 = r' W r`.
-fn norm_factor(w: &Mat<f64>, q: usize) -> Result<Vec<f64>> {
+pub(crate) fn norm_factor(w: &Mat<f64>, q: usize) -> Result<Vec<f64>> {
     check_shape("W", w.as_ref(), [q, q])?;
     check_finite("W", w.as_ref())?;
     check_covariance("W", w.as_ref(), true)?;

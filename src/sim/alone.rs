@@ -1,0 +1,101 @@
+//! Trials one by one through the engine, for what does not fit in lanes: states
+//! that are mixed, continuous observers.
+
+use super::monte_carlo::Plan;
+use super::tally::{self, Report, Trajectory};
+use super::truth::Walk;
+use crate::engine::Mmae;
+use crate::error::Result;
+use crate::real::Real;
+use crate::simd::{Block, Kernel, LANES, groups, load_group, store_group};
+
+/// Simulates eight trials and hands every step to `sink`.
+struct Simulate<'a> {
+    plan: &'a Plan,
+    first: u64,
+    /// Step, state and measurement.
+    sink: &'a mut dyn FnMut(u64, &[Block], &[Block]) -> Result<()>,
+}
+
+impl Kernel for Simulate<'_> {
+    type Out = Result<()>;
+
+    #[inline(always)]
+    fn run<T: Real>(self) -> Result<()> {
+        let source = &self.plan.source;
+        let mut walks: Vec<Walk<'_, T>> = (0..groups::<T>())
+            .map(|group| Walk::new(source, self.plan.seed, self.first, group))
+            .collect();
+        let (mut x, mut y) = (vec![Block::default(); source.n], vec![Block::default(); source.q]);
+        let mut seen = vec![T::zero(); source.q];
+        for k in 1..=self.plan.steps {
+            for (group, walk) in walks.iter_mut().enumerate() {
+                walk.step(&mut seen);
+                store_group(&walk.x, group, &mut x);
+                store_group(&seen, group, &mut y);
+            }
+            (self.sink)(k, &x, &y)?;
+        }
+        Ok(())
+    }
+}
+
+/// Trials `first` to `first + valid - 1`; `sums` has shape (report, number).
+pub(super) fn run(
+    plan: &Plan,
+    engine: &Mmae,
+    first: u64,
+    valid: usize,
+    sums: &mut [Block],
+    kept: &mut Vec<Trajectory>,
+) -> Result<()> {
+    let [n, m, q] = engine.bank().sizes();
+    let models = plan.prior.len();
+    let width = tally::width(models);
+    let mut engines = vec![engine.clone(); valid];
+    let mut own: Vec<Option<Trajectory>> = (first..first + valid as u64)
+        .map(|trial| plan.keeps(trial).then(|| Trajectory { trial, ..Trajectory::default() }))
+        .collect();
+    let idle = vec![0.0; m];
+    let mut y = vec![0.0; q];
+    let mut report = 0;
+    let mut sink = |k: u64, x: &[Block], measured: &[Block]| -> Result<()> {
+        let u = plan.source.input(k);
+        let u = if u.is_empty() { &idle } else { u };
+        let reports = plan.reports(k);
+        for (l, engine) in engines.iter_mut().enumerate() {
+            load_group(measured, l, &mut y);
+            for v in &mut y {
+                // a plant that has run away measures nothing
+                *v = if v.is_finite() { *v } else { f64::NAN };
+            }
+            let e = engine.step(u, &y)?;
+            if !reports {
+                continue;
+            }
+            let mut state = vec![0.0; x.len()];
+            load_group(x, l, &mut state);
+            let alive: Vec<f64> =
+                e.failed.iter().map(|&f| if f { f64::NAN } else { 0.0 }).collect();
+            let seen = Report {
+                log_p: &e.log_p,
+                nis: &e.nis,
+                alive: &alive,
+                error: tally::squared_error(&state, &e.x_hat[..n]),
+            };
+            tally::add(&seen, l, LANES, &mut sums[report * width..][..width]);
+            if let Some(kept) = &mut own[l] {
+                kept.x.extend(&state);
+                kept.x_hat.extend(&e.x_hat);
+                kept.y.extend(&y);
+                kept.log_p.extend(&e.log_p);
+            }
+        }
+        report += usize::from(reports);
+        Ok(())
+    };
+    let simulate = Simulate { plan, first, sink: &mut sink };
+    crate::simd::dispatch(simulate)?;
+    kept.extend(own.into_iter().flatten());
+    Ok(())
+}

@@ -1,0 +1,177 @@
+//! The covariance recursion of all models, run once for all trials.
+
+use crate::bank::{GainMode, Gains};
+use crate::error::{Error, Result};
+use crate::simd::Panel;
+
+/// Longest cycle of covariances that is looked for: in finite arithmetic a
+/// recursion that converges ends in one number or goes round a few.
+const CYCLE: usize = 8;
+/// Most bytes of coefficients.
+const LIMIT: usize = 1 << 30;
+
+/// What each step needs of each model, plain numbers row by row.
+#[derive(Debug, Clone)]
+pub(super) struct Coefficients {
+    pub(super) n: usize,
+    pub(super) m: usize,
+    pub(super) q: usize,
+    models: usize,
+    /// `A`, `B`, `C`, the whitener of the steady `S`, `1/2 ln det 2 pi S` of each
+    /// model.
+    fixed: Vec<f64>,
+    /// `K`, `W`, `log_norm` of each model, step after step.
+    steps: Vec<f64>,
+    /// The last so many steps repeat for ever.
+    cycle: usize,
+}
+
+/// One model at one step.
+#[derive(Clone, Copy)]
+pub(super) struct OfModel<'a> {
+    pub(super) a: &'a [f64],
+    pub(super) b: &'a [f64],
+    pub(super) c: &'a [f64],
+    pub(super) white: &'a [f64],
+    pub(super) bias: f64,
+    pub(super) k: &'a [f64],
+    pub(super) w: &'a [f64],
+    pub(super) log_norm: f64,
+}
+
+impl Coefficients {
+    /// Runs the recursion of `gains` for `steps` steps, or until it repeats
+    /// itself by bits; `moves_first` if the first step predicts.
+    ///
+    /// # Errors
+    /// `Limit` for a recursion that does neither within the memory.
+    pub(super) fn new(
+        gains: &mut Gains,
+        [n, m, q]: [usize; 3],
+        models: usize,
+        steps: u64,
+        moves_first: bool,
+    ) -> Result<Self> {
+        let present = vec![true; q];
+        let mut made = Self { n, m, q, models, fixed: Vec::new(), steps: Vec::new(), cycle: 1 };
+        let c = gains.coefficients();
+        for i in 0..models {
+            for panel in [&c.a, &c.b, &c.c, &c.white, &c.bias] {
+                item(panel, i, &mut made.fixed);
+            }
+        }
+        let mut past: Vec<Vec<u64>> = Vec::new();
+        let mut done = 0;
+        while done < steps {
+            if done > 0 || moves_first {
+                gains.predict();
+            }
+            gains.update(&present);
+            let c = gains.coefficients();
+            for i in 0..models {
+                for panel in [&c.k, &c.w, &c.log_norm] {
+                    item(panel, i, &mut made.steps);
+                }
+            }
+            done += 1;
+            if gains.mode() == GainMode::Steady {
+                break;
+            }
+            let bits: Vec<u64> =
+                gains.covariances().as_slice().iter().map(|v| v.to_bits()).collect();
+            if let Some(back) = past.iter().rev().position(|p| *p == bits) {
+                made.cycle = back + 1;
+                break;
+            }
+            if past.len() == CYCLE {
+                past.remove(0);
+            }
+            past.push(bits);
+            if made.steps.len() * 8 > LIMIT {
+                let each = (made.steps.len() * 8) as u128 / u128::from(done);
+                return Err(Error::Limit {
+                    what: format!("the gains of {steps} steps"),
+                    bytes: each.saturating_mul(u128::from(steps)),
+                    limit: LIMIT as u128,
+                    remedy: "use steady gains, or simulate fewer steps",
+                });
+            }
+        }
+        Ok(made)
+    }
+
+    /// Model `i` at step `k`, from 1.
+    #[inline(always)]
+    pub(super) fn at(&self, i: usize, step: usize) -> OfModel<'_> {
+        let Self { n, m, q, .. } = *self;
+        let each = n * q + q * q + 1;
+        let fixed = &self.fixed[i * (n * n + n * m + q * n + q * q + 1)..];
+        let (a, fixed) = fixed.split_at(n * n);
+        let (b, fixed) = fixed.split_at(n * m);
+        let (c, fixed) = fixed.split_at(q * n);
+        let moving = &self.steps[(step * self.models + i) * each..];
+        let (k, moving) = moving.split_at(n * q);
+        let w = &moving[..q * q];
+        OfModel {
+            a,
+            b,
+            c,
+            white: &fixed[..q * q],
+            bias: fixed[q * q],
+            k,
+            w,
+            log_norm: moving[q * q],
+        }
+    }
+
+    /// Where the coefficients of step `k`, from 1, are kept.
+    #[inline(always)]
+    pub(super) fn place(&self, k: u64) -> usize {
+        let each = (self.n * self.q + self.q * self.q + 1) * self.models;
+        let kept = self.steps.len() / each;
+        match usize::try_from(k - 1) {
+            Ok(step) if step < kept => step,
+            _ => kept - self.cycle + ((k - 1 - kept as u64) % self.cycle as u64) as usize,
+        }
+    }
+}
+
+/// Appends matrix `i` of a panel.
+fn item(panel: &Panel, i: usize, out: &mut Vec<f64>) {
+    let at = out.len();
+    out.resize(at + panel.item_len(), 0.0);
+    panel.read_item(i, &mut out[at..]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bank::{Initial, Members, Settings};
+    use crate::model::{Family, systems};
+    use crate::observer::ObserverKind;
+
+    #[test]
+    fn steps_that_are_not_kept_are_those_of_the_recursion() {
+        let family = systems::tracker();
+        let plants = [0.96, 1.0].map(|rho| {
+            let theta = family.theta_with(&[("rho", rho)]).unwrap();
+            family.plant(&theta).unwrap()
+        });
+        let mut members = Members::new(ObserverKind::Kalman, plants.to_vec());
+        let p = crate::Mat::zeros(4, 4);
+        members.initial = vec![Initial { x_hat: vec![0.0; 4], P: Some(p) }];
+        let settings = Settings { gains: GainMode::Recursive, ..Settings::default() };
+        let (mut gains, _) = Gains::new(&members, &settings).unwrap();
+        let kept = Coefficients::new(&mut gains.clone(), [4, 0, 2], 2, 100_000, true).unwrap();
+        assert!(kept.steps.len() < 2 * 13 * 1000, "{}", kept.steps.len());
+        for k in 1..=2000 {
+            gains.predict();
+            gains.update(&[true, true]);
+            for i in 0..2 {
+                let mut want = Vec::new();
+                item(&gains.coefficients().k, i, &mut want);
+                assert_eq!(kept.at(i, kept.place(k)).k, want, "step {k}");
+            }
+        }
+    }
+}

@@ -1,0 +1,203 @@
+//! Eight trials at once: truth, bank and weights in lanes.
+
+use super::coefficients::Coefficients;
+use super::monte_carlo::Plan;
+use super::tally::{self, Report, Trajectory};
+use super::truth::Walk;
+use crate::bank::{Repeat, correct, innovate, propagate, whiten};
+use crate::error::Result;
+use crate::real::Real;
+use crate::simd::{Block, Kernel, groups};
+use crate::weight::{Evidence, Weights};
+
+/// Which norm the residuals of the law are judged by.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Norm {
+    /// `S(k)` of the running filter.
+    Filter,
+    /// The steady `S`.
+    Steady,
+    /// A factor of one `W` for all models, row by row.
+    Common(Vec<f64>),
+}
+
+/// Trials `first` to `first + valid - 1`, from the start to the end.
+pub(super) struct Eight<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) coefficients: &'a Coefficients,
+    pub(super) first: u64,
+    pub(super) valid: usize,
+    /// Sums, shape (report, number).
+    pub(super) sums: &'a mut [Block],
+    pub(super) kept: &'a mut Vec<Trajectory>,
+}
+
+impl Kernel for Eight<'_> {
+    type Out = Result<()>;
+
+    #[inline(always)]
+    fn run<T: Real>(mut self) -> Result<()> {
+        for group in 0..groups::<T>() {
+            if group * T::LANES < self.valid {
+                self.group::<T>(group)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The filters of all models.
+struct Filters<'a, T> {
+    plan: &'a Plan,
+    coefficients: &'a Coefficients,
+    /// States, shape (model, state).
+    x: Vec<T>,
+    next: Vec<T>,
+    r: Vec<T>,
+    u: Vec<T>,
+    log_lik: Vec<T>,
+    energy: Vec<T>,
+    nis: Vec<T>,
+}
+
+impl<T: Real> Filters<'_, T> {
+    /// Predicts (unless `moves` is false), innovates and corrects every model.
+    ///
+    /// ```text
+    /// x <- A x + B u,   r = y - C x,   x <- x + K r
+    /// ```
+    #[inline(always)]
+    fn step(&mut self, k: u64, moves: bool, y: &[T]) {
+        let Coefficients { n, q, .. } = *self.coefficients;
+        let inputs = self.plan.source.input(k);
+        for j in 0..inputs.len() {
+            self.u[j] = T::splat(inputs[j]);
+        }
+        let u = &self.u[..inputs.len()];
+        let place = self.coefficients.place(k);
+        let zhang = self.plan.zhang;
+        for i in 0..self.nis.len() {
+            let c = self.coefficients.at(i, place);
+            let x = &mut self.x[i * n..][..n];
+            if moves {
+                propagate(Repeat(c.a), Repeat(c.b), u, x, &mut self.next);
+            }
+            let r = &mut self.r[..q];
+            innovate(Repeat(c.c), x, y, r);
+            let nis = whiten(Repeat(c.w), r);
+            self.nis[i] = nis;
+            let common = match &self.plan.norm {
+                Norm::Common(w) => Some(whiten(Repeat(w), r)),
+                _ => None,
+            };
+            self.log_lik[i] = match (&self.plan.norm, common) {
+                (_, Some(energy)) => T::splat(-0.5) * energy,
+                (Norm::Steady, _) => {
+                    let second = whiten(Repeat(c.white), r);
+                    T::splat(-0.5).mul_add(second, T::splat(-c.bias))
+                }
+                _ => T::splat(0.5).neg_mul_add(nis, T::splat(c.log_norm)),
+            };
+            if zhang {
+                self.energy[i] = match common {
+                    Some(energy) => energy,
+                    None => {
+                        let mut sum = T::zero();
+                        for j in 0..q {
+                            sum = r[j].mul_add(r[j], sum);
+                        }
+                        sum
+                    }
+                };
+            }
+            correct(Repeat(c.k), r, x);
+            if self.plan.failed[i] {
+                let gone = T::splat(f64::NAN);
+                (self.log_lik[i], self.energy[i], self.nis[i]) = (gone, gone, gone);
+            }
+        }
+    }
+}
+
+impl Eight<'_> {
+    #[inline(always)]
+    fn group<T: Real>(&mut self, group: usize) -> Result<()> {
+        let plan = self.plan;
+        let Coefficients { n, m, q, .. } = *self.coefficients;
+        let models = plan.prior.len();
+        let mut walk = Walk::<T>::new(&plan.source, plan.seed, self.first, group);
+        let mut filters = Filters {
+            plan,
+            coefficients: self.coefficients,
+            x: plan.x_hat.iter().map(|&v| T::splat(v)).collect(),
+            next: vec![T::zero(); n],
+            r: vec![T::zero(); q],
+            u: vec![T::zero(); m],
+            log_lik: vec![T::zero(); models],
+            energy: vec![T::zero(); models],
+            nis: vec![T::zero(); models],
+        };
+        let mut weights = Weights::<T>::new(
+            plan.law,
+            plan.modifiers.clone(),
+            plan.transition.clone(),
+            &plan.prior,
+        )?;
+        let mut y = vec![T::zero(); q];
+        let mut fused = vec![T::zero(); n];
+        let width = tally::width(models);
+        let mut report = 0;
+        let mut kept: Vec<(usize, Trajectory)> = (0..T::LANES)
+            .filter(|l| group * T::LANES + l < self.valid)
+            .map(|l| (l, self.first + (group * T::LANES + l) as u64))
+            .filter(|(_, trial)| plan.keeps(*trial))
+            .map(|(l, trial)| (l, Trajectory { trial, ..Trajectory::default() }))
+            .collect();
+        for k in 1..=plan.steps {
+            walk.step(&mut y);
+            let moves = k > 1 || plan.moves_first;
+            if moves {
+                weights.predict();
+            }
+            filters.step(k, moves, &y);
+            let _ = weights.step(&Evidence {
+                log_lik: &filters.log_lik,
+                increment: &filters.log_lik,
+                energy: &filters.energy,
+                dt: 1.0,
+                nodes: None,
+            });
+            if !plan.reports(k) {
+                continue;
+            }
+            for i in 0..models {
+                // a member that ran away
+                let mut good = filters.nis[i].eq(filters.nis[i]);
+                for j in 0..n {
+                    good = good & filters.x[i * n + j].is_finite();
+                }
+                filters.log_lik[i] = T::select(good, T::zero(), T::splat(f64::NAN));
+            }
+            tally::fuse(weights.log_p(), &filters.x, &mut fused);
+            let seen = Report {
+                log_p: weights.log_p(),
+                nis: &filters.nis,
+                alive: &filters.log_lik,
+                error: tally::squared_error(&walk.x, &fused),
+            };
+            tally::add(&seen, group, self.valid, &mut self.sums[report * width..][..width]);
+            report += 1;
+            for (l, kept) in &mut kept {
+                let of = |values: &[T], out: &mut Vec<f64>| {
+                    out.extend(values.iter().map(|v| v.lane(*l)));
+                };
+                of(&walk.x, &mut kept.x);
+                of(&fused, &mut kept.x_hat);
+                of(&y, &mut kept.y);
+                of(weights.log_p(), &mut kept.log_p);
+            }
+        }
+        self.kept.extend(kept.into_iter().map(|(_, t)| t));
+        Ok(())
+    }
+}

@@ -1,0 +1,31 @@
+//! Simulation: the plant that is really there, noise, and many trials of a bank.
+//!
+//! ```text
+//! x(k) = A x(k-1) + B u(k) + G w(k),   y(k) = C x(k) + v(k)      the truth, per trial
+//! predict, innovate, weigh, fuse                                 the bank, per trial
+//! mean p, fraction identified, sqrt(mean |x - x_hat|^2), ..      over all trials
+//! ```
+//!
+//! Trials stand in lanes, eight at a time, and all models of a bank share the
+//! measurements of each trial. Covariances and gains do not depend on the data:
+//! their recursion runs once, until it repeats itself by bits. Where states are
+//! mixed (interacting models, re-seeding) and for continuous observers each
+//! trial goes through [`Mmae`](crate::engine::Mmae) by itself.
+//!
+//! Random numbers are keyed by seed and trial ([`Streams`]), and sums are taken
+//! in chunks of a fixed size in the order of the trials: results have the same
+//! bits for any number of threads, and a trial is the same alone as among
+//! others.
+
+mod alone;
+mod coefficients;
+mod lanes;
+mod monte_carlo;
+mod random;
+mod tally;
+mod truth;
+
+pub use monte_carlo::{Moment, MonteCarlo, Summary};
+pub use random::{SplitMix64, Streams};
+pub use tally::Trajectory;
+pub use truth::Truth;

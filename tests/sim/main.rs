@@ -1,0 +1,7 @@
+//! Simulation: random numbers, Monte-Carlo tables, the same bits everywhere.
+
+mod laws;
+mod random;
+mod setup;
+mod tables;
+mod trials;

@@ -10,7 +10,9 @@ use super::explicit::Explicit;
 use super::places::Places;
 use super::reader::{Reader, Value, clip};
 use super::table::Table;
-use super::{FORMAT, Scenario, bank, explicit, keys, plant, settings, surroundings, weighting};
+use super::{
+    FORMAT, Scenario, bank, explicit, keys, plant, run, settings, surroundings, truth, weighting,
+};
 use crate::model::{Family, Names, Surroundings, Time};
 
 /// A syntax error of the parser as an `Error`.
@@ -83,6 +85,11 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         let (models, outputs) = (size.unwrap_or(0), family.names.outputs.len());
         weighting::read(reader, value, models, outputs, family.time.is_continuous())
     });
+    let truth = table.get("truth").map(|value| {
+        let own = family.names.states.len() + filter_states;
+        truth::read(reader, value, &family, size.unwrap_or(0), own)
+    });
+    let run = table.get("run").map(|value| run::read(reader, value));
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
     let mut settings = maybe(settings)?;
@@ -108,6 +115,8 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         start,
         explicit: models,
         weighting: maybe(weighting)?,
+        truth: maybe(truth)?,
+        run: maybe(run)?,
         settings,
         warnings: Vec::new(),
         places: Places { entries, ..places(reader, root) },

@@ -11,6 +11,8 @@ pub(super) const TOP: &[&str] = &[
     "actuator",
     "bank",
     "weighting",
+    "truth",
+    "run",
     "eip",
 ];
 /// `[plant]`.
@@ -64,6 +66,10 @@ pub(super) const WEIGHTING: &[&str] = &[
     "Pi",
     "threshold",
 ];
+/// `[truth]`.
+pub(super) const TRUTH: &[&str] = &["parameters", "model", "x0", "P0"];
+/// `[run]`.
+pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every"];
 /// `[eip]`.
 pub(super) const EIP: &[&str] =
     &["grid", "convention", "dt", "delays", "verify", "method", "memory_limit"];
@@ -79,6 +85,8 @@ pub(super) fn home(key: &str) -> Option<&'static str> {
         ("actuator", ACTUATOR),
         ("bank", BANK),
         ("weighting", WEIGHTING),
+        ("truth", TRUTH),
+        ("run", RUN),
         ("eip", EIP),
     ];
     let mut homes = tables.iter().filter(|(_, keys)| keys.contains(&key));

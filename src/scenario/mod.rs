@@ -29,13 +29,16 @@ mod parameters;
 mod places;
 mod plant;
 mod reader;
+mod run;
 mod settings;
+mod simulation;
 pub(crate) mod source;
 mod start;
 mod suggest;
 mod surroundings;
 mod table;
 mod template;
+mod truth;
 mod weighting;
 
 use std::fmt;
@@ -47,6 +50,7 @@ use toml::de::DeTable;
 pub use diagnostic::{Diagnostic, Error};
 pub use estimator::Estimator;
 pub use family::ExpressionFamily;
+pub use simulation::Simulation;
 pub use template::{Template, template};
 
 use crate::eip::{Bank, Study};
@@ -71,6 +75,8 @@ pub struct Scenario {
     explicit: Option<Explicit>,
     start: Option<Start>,
     weighting: Option<Weighting>,
+    truth: Option<truth::Written>,
+    run: Option<run::Run>,
     settings: Option<Settings>,
     warnings: Vec<Diagnostic>,
     places: Places,
@@ -174,12 +180,18 @@ impl Scenario {
 
     /// The error for a key that a command needs and the file lacks.
     fn missing(&self, key: &str, remedy: &str) -> Error {
+        self.fault(key, "missing", remedy)
+    }
+
+    /// An error at `key`, or at the top of the file where it has none.
+    fn fault(&self, key: &str, message: &str, remedy: &str) -> Error {
+        let (line, column) = self.places.keys.get(key).copied().unwrap_or((1, 1));
         Error::Invalid(vec![Diagnostic {
             file: self.places.file.clone(),
-            line: 1,
-            column: 1,
+            line,
+            column,
             key: key.into(),
-            message: "missing".into(),
+            message: message.into(),
             remedy: remedy.into(),
         }])
     }
@@ -208,6 +220,8 @@ mod tests {
             keys::MODEL,
             keys::MODEL_KOOPMAN,
             keys::WEIGHTING,
+            keys::TRUTH,
+            keys::RUN,
             keys::EIP,
         ];
         let functions = operators::FUNCTIONS.iter().map(|f| f.name);

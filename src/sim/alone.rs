@@ -9,12 +9,14 @@ use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Block, Kernel, LANES, groups, load_group, store_group};
 
+/// Takes in step, state and measurement of eight trials.
+type Sink<'a> = dyn FnMut(u64, &[Block], &[Block]) -> Result<()> + 'a;
+
 /// Simulates eight trials and hands every step to `sink`.
 struct Simulate<'a> {
     plan: &'a Plan,
     first: u64,
-    /// Step, state and measurement.
-    sink: &'a mut dyn FnMut(u64, &[Block], &[Block]) -> Result<()>,
+    sink: &'a mut Sink<'a>,
 }
 
 impl Kernel for Simulate<'_> {

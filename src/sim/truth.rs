@@ -123,10 +123,10 @@ impl Source {
                 remedy: "list the phases in the order of time".into(),
             });
         }
-        let widest = |pick: fn(&(u64, Plant, Mat<f64>, Mat<f64>)) -> &Mat<f64>| {
-            made.iter().map(|p| trimmed(pick(p))).max().unwrap_or(0)
-        };
-        let drive = [widest(|p| &p.2), widest(|p| &p.3)];
+        let drive = [
+            made.iter().map(|p| trimmed(&p.2)).max().unwrap_or(0),
+            made.iter().map(|p| trimmed(&p.3)).max().unwrap_or(0),
+        ];
         let cut = |f: &Mat<f64>, cols: usize| {
             let entry = |i, j| if j < f.ncols() { f[(i, j)] } else { 0.0 };
             rows(&Mat::from_fn(f.nrows(), cols, entry))

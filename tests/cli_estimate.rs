@@ -53,6 +53,15 @@ fn the_nile_has_its_published_posterior() {
     assert_eq!(got["record"].as_array().unwrap().len(), 2);
     assert_eq!(numbers(&got["identified"]).iter().sum::<f64>(), 1.0);
     assert_eq!(got["theta_hat"].as_array().unwrap().len(), 2);
+    let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("estimate-out");
+    let _ = fs::remove_dir_all(&dir);
+    let out_dir = dir.display().to_string();
+    let args = [&scenario, "--data", &data, "--json", "--every", "50", "--out", &out_dir];
+    assert_eq!(estimate(&args).stdout, out.stdout);
+    assert_eq!(fs::read(dir.join("estimate.json")).unwrap(), out.stdout);
+    let picture = fs::read_to_string(dir.join("weights.svg")).unwrap();
+    assert!(picture.contains("Level of the Nile") && picture.contains("f_Q"), "{picture}");
+    assert_eq!(estimate(&args).status.code(), Some(6), "an earlier result is kept");
     let text_out = estimate(&[&scenario, "--data", &data]);
     assert!(
         text(&text_out.stdout).contains("100 samples, 25 models"),

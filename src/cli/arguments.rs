@@ -99,6 +99,12 @@ pub(super) struct EstimateArguments {
     /// Also report every K-th step
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub(super) every: u64,
+    /// Also write estimate.json, weights.svg and manifest.json there
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Replace an earlier result in DIR
+    #[arg(long)]
+    pub(super) force: bool,
     /// Another law in place of the scenario's
     #[arg(long, value_name = "NAME", value_enum)]
     pub(super) weighting: Option<LawName>,

@@ -1,9 +1,9 @@
 //! `mmae eip`: the EIP sets of a scenario.
 
 use std::io;
-use std::time::{Instant, SystemTime};
 
 use super::arguments::EipArguments;
+use super::clock::Clock;
 use super::failure::{Failure, say};
 use super::output::{self, Watch};
 use super::progress::Progress;
@@ -11,10 +11,8 @@ use super::signals::Signals;
 use crate::eip::{Case, EipSets};
 use crate::error::Error;
 use crate::par::RunControl;
-use crate::real::Tier;
-use crate::report::manifest::{self, Manifest};
 use crate::report::write::{MANIFEST, Output};
-use crate::report::{figure, json, summary, table, text, write};
+use crate::report::{figure, json, summary, table, text};
 use crate::scenario::Scenario;
 
 const FILES: [&str; 4] = ["eip.json", "upsilon.parquet", "eip.svg", MANIFEST];
@@ -22,7 +20,7 @@ const FILES: [&str; 4] = ["eip.json", "upsilon.parquet", "eip.svg", MANIFEST];
 const MANY: usize = 4;
 
 pub(super) fn run(args: &EipArguments, signals: &Signals) -> Result<(), Failure> {
-    let clock = Clock { wall: SystemTime::now(), start: Instant::now() };
+    let clock = Clock::start();
     let scenario = Scenario::from_file(&args.file)?;
     for warning in scenario.warnings() {
         say("warning", &warning.to_string());
@@ -61,11 +59,6 @@ pub(super) fn run(args: &EipArguments, signals: &Signals) -> Result<(), Failure>
             out.write_all(text::render(&sets).as_bytes())
         }
     })
-}
-
-struct Clock {
-    wall: SystemTime,
-    start: Instant,
 }
 
 /// Fails if no plant has a winner for any delay.
@@ -173,23 +166,7 @@ fn save(
     add(FILES[0], &mut |out| json::write(sets, out))?;
     add(FILES[1], &mut |out| table::write(sets, out).map_err(io::Error::other))?;
     add(FILES[2], &mut |out| figure::write(sets, out))?;
-    let bytes = std::fs::read(&args.file).map_err(|source| {
-        Failure::from(crate::scenario::Error::Read { path: args.file.clone(), source })
-    })?;
-    let manifest = Manifest {
-        schema: manifest::SCHEMA,
-        version: env!("CARGO_PKG_VERSION"),
-        command: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
-        scenario: manifest::Scenario {
-            path: args.file.display().to_string(),
-            sha256: write::sha256(&bytes),
-        },
-        cpu_tier: Tier::best().name().into(),
-        threads: threads(args),
-        started: manifest::rfc3339(clock.wall),
-        seconds: clock.start.elapsed().as_secs_f64(),
-        files: output.written(),
-    };
+    let manifest = clock.manifest(&args.file, threads(args), output.written())?;
     output.add(MANIFEST, |out| manifest.write(out))?;
     if signals.raised() {
         return Err(Failure::Cancelled);

@@ -7,6 +7,7 @@
 
 mod arguments;
 mod check;
+mod clock;
 mod eip;
 mod estimate;
 mod failure;

@@ -14,6 +14,7 @@ pub mod manifest;
 pub mod summary;
 pub mod table;
 pub mod text;
+pub mod timeline;
 pub mod write;
 
 pub use number::{plain, significant};

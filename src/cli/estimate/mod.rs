@@ -7,16 +7,20 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use super::arguments::{EstimateArguments, LawName};
+use super::clock::Clock;
 use super::failure::{Failure, say};
 use super::output;
 use super::signals::Signals;
 use crate::engine::{Estimate, Mmae};
-use crate::report::{layout, significant};
+use crate::report::timeline::{Timeline, Track};
+use crate::report::write::{MANIFEST, Output};
+use crate::report::{figure, layout, significant};
 use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
 use crate::weight::Law;
 use data::Record;
 
 pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Failure> {
+    let clock = Clock::start();
     let scenario = Scenario::from_file(&args.file)?;
     for warning in scenario.warnings() {
         say("warning", &warning.to_string());
@@ -33,8 +37,29 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
             say("warning", &format!("model {} ({label}) is unusable: {failure}", i + 1));
         }
     }
-    let rows = filter(args, &estimator, &record, &mut mmae, signals)?;
+    let output = match &args.out {
+        Some(dir) => Some(Output::open(dir, &FILES, args.force)?),
+        None => None,
+    };
+    // a picture needs the whole of the record, the report what was asked for
+    let every = if output.is_some() { 1 } else { args.every };
+    let mut rows = filter(args, every, &estimator, &record, &mut mmae, signals)?;
     let estimate = mmae.estimate();
+    if let Some(mut output) = output {
+        let dir = output.dir().to_path_buf();
+        let kept = thin(&rows, args.every);
+        output.add(FILES[0], |out| print_json(out, &estimator, estimate, &kept))?;
+        let run = timeline(&scenario, &estimator, &rows, record.t.is_some());
+        output.add(FILES[1], |out| figure::write_timeline(&run, out))?;
+        let manifest = clock.manifest(&args.file, 1, output.written())?;
+        output.add(MANIFEST, |out| manifest.write(out))?;
+        if signals.raised() {
+            return Err(Failure::Cancelled);
+        }
+        output.commit()?;
+        say("note", &format!("wrote {} to {}", FILES.join(", "), dir.display()));
+        rows = kept;
+    }
     for (i, failed) in estimate.failed.iter().enumerate() {
         if *failed && mmae.bank().failures()[i].is_none() {
             say("warning", &format!("model {} ({}) ran away", i + 1, estimator.labels[i]));
@@ -49,6 +74,37 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     })
 }
 
+const FILES: [&str; 3] = ["estimate.json", "weights.svg", MANIFEST];
+
+/// Every `every`-th row; none where it is 0.
+fn thin(rows: &[Row], every: u64) -> Vec<Row> {
+    let every = usize::try_from(every).unwrap_or(usize::MAX);
+    match every {
+        0 => Vec::new(),
+        _ => rows.iter().skip(every - 1).step_by(every).cloned().collect(),
+    }
+}
+
+fn timeline(scenario: &Scenario, estimator: &Estimator, rows: &[Row], timed: bool) -> Timeline {
+    let models = estimator.labels.len();
+    let law = estimator.weighting.law.name();
+    let track = |k: usize| Track {
+        name: estimator.parameters[k].clone(),
+        mean: rows.iter().map(|r| r.theta_hat[k]).collect(),
+        models: estimator.values.iter().map(|v| v[k]).collect(),
+        truth: None,
+    };
+    Timeline {
+        title: scenario.title().unwrap_or("Weights of the models").into(),
+        subtitle: format!("{models} models, law {law}, {} samples", rows.len()),
+        time: if timed { "t" } else { "time, s" }.into(),
+        t: rows.iter().map(|r| r.t).collect(),
+        labels: estimator.labels.clone(),
+        p: (0..models).map(|i| rows.iter().map(|r| r.p[i]).collect()).collect(),
+        parameters: (0..estimator.parameters.len()).map(track).collect(),
+    }
+}
+
 fn law(name: LawName) -> Law {
     match name {
         LawName::Bayes => Law::Bayes,
@@ -60,7 +116,7 @@ fn law(name: LawName) -> Law {
 }
 
 /// A step that is reported.
-#[derive(Serialize)]
+#[derive(Clone, Serialize)]
 struct Row {
     t: f64,
     p: Vec<f64>,
@@ -69,9 +125,10 @@ struct Row {
     nis: Vec<Option<f64>>,
 }
 
-/// Runs the record through the bank; every K-th step is kept.
+/// Runs the record through the bank; every `every`-th step is kept, none for 0.
 fn filter(
     args: &EstimateArguments,
+    every: u64,
     estimator: &Estimator,
     record: &Record,
     mmae: &mut Mmae,
@@ -93,7 +150,7 @@ fn filter(
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);
         let e = step.map_err(|e| Failure::Numerical(vec![format!("sample {}: {e}", k + 1)]))?;
-        if args.every > 0 && (k as u64 + 1).is_multiple_of(args.every) {
+        if every > 0 && (k as u64 + 1).is_multiple_of(every) {
             rows.push(Row {
                 t: record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]),
                 p: e.p.clone(),

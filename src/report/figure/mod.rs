@@ -18,10 +18,12 @@ mod place;
 mod scale;
 mod shade;
 mod trace;
+mod weights;
 
 use std::io::{self, Write};
 
 use crate::eip::EipSets;
+use crate::report::timeline::Timeline;
 
 /// Writes the picture as a stand-alone SVG file that scales to any width.
 ///
@@ -34,6 +36,17 @@ pub fn write(sets: &EipSets, mut out: impl Write) -> io::Result<()> {
     let drawing = if sets.grid.axes().len() == 1 { curves::draw(sets) } else { map::draw(sets) };
     out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
     svg::write(&mut out, &drawing)?;
+    out.write_all(b"\n")
+}
+
+/// Writes the weights of a bank along a record, and the parameters that follow,
+/// as a stand-alone SVG file.
+///
+/// # Errors
+/// Whatever `out` reports.
+pub fn write_timeline(run: &Timeline, mut out: impl Write) -> io::Result<()> {
+    out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
+    svg::write(&mut out, &weights::draw(run))?;
     out.write_all(b"\n")
 }
 

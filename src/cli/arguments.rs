@@ -32,6 +32,8 @@ pub(super) enum Command {
     New(NewArguments),
     /// Run the bank of a scenario on recorded data
     Estimate(EstimateArguments),
+    /// Simulate trials of the bank of a scenario
+    Run(RunArguments),
     /// Solve a file of Riccati and Lyapunov equations
     Solve(SolveArguments),
 }
@@ -111,6 +113,55 @@ pub(super) struct EstimateArguments {
     /// Print JSON in place of the tables
     #[arg(long)]
     pub(super) json: bool,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct RunArguments {
+    /// The scenario, with [bank], [run] and perhaps [weighting] and [truth]
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// Also write run.json and manifest.json there
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Print JSON in place of the tables
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Another seed in place of the scenario's
+    #[arg(long, value_name = "S")]
+    pub(super) seed: Option<u64>,
+    /// Another number of trials in place of the scenario's
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) trials: Option<u64>,
+    /// Threads, 0 for one per CPU; results do not depend on it
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        allow_negative_numbers = true,
+        value_parser = clap::value_parser!(u16).range(0..=1024)
+    )]
+    pub(super) threads: u16,
+    /// Another law in place of the scenario's
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub(super) weighting: Option<LawName>,
+    /// Another value of a parameter of the plant, or model=NUMBER; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = assignment)]
+    pub(super) truth: Vec<(String, f64)>,
+    /// Replace an earlier result in DIR
+    #[arg(long)]
+    pub(super) force: bool,
+}
+
+/// `name=value`.
+fn assignment(text: &str) -> Result<(String, f64), String> {
+    let Some((name, value)) = text.split_once('=') else {
+        return Err("write NAME=VALUE, as in L=1.2".into());
+    };
+    match value.trim().parse::<f64>() {
+        Ok(number) if number.is_finite() => Ok((name.trim().into(), number)),
+        _ => Err(format!("'{value}' is not a finite number")),
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

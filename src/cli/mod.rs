@@ -1,4 +1,4 @@
-//! The command `mmae`: `eip`, `check`, `estimate`, `new` and `solve`.
+//! The command `mmae`: `eip`, `check`, `estimate`, `new`, `run` and `solve`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
@@ -14,6 +14,7 @@ mod failure;
 mod new;
 mod output;
 mod progress;
+mod run;
 mod signals;
 mod solve;
 
@@ -40,6 +41,7 @@ pub fn main() -> ExitCode {
         Command::Check(args) => check::run(args),
         Command::New(args) => new::run(args),
         Command::Estimate(args) => estimate::run(args, &signals),
+        Command::Run(args) => run::run(args, &signals),
         Command::Solve(args) => solve::run(args, &signals),
     };
     match done {

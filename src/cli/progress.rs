@@ -16,19 +16,26 @@ const PATIENCE: Duration = Duration::from_secs(1);
 pub(super) struct Progress {
     started: Instant,
     terminal: bool,
+    what: &'static str,
     bar: Mutex<Option<ProgressBar>>,
 }
 
 impl Progress {
     pub(super) fn new() -> Self {
+        Self::of("plants")
+    }
+
+    /// Of a run over the items called `what`.
+    pub(super) fn of(what: &'static str) -> Self {
         Self {
             started: Instant::now(),
             terminal: std::io::stderr().is_terminal(),
+            what,
             bar: Mutex::new(None),
         }
     }
 
-    /// Shows that `done` of `total` plants are done.
+    /// Shows that `done` of `total` items are done.
     pub(super) fn update(&self, done: u64, total: u64) {
         let elapsed = self.started.elapsed();
         if !self.terminal || elapsed < PATIENCE {
@@ -40,7 +47,7 @@ impl Progress {
             ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr())
                 .with_style(style())
         });
-        bar.set_message(pace(done, total, elapsed));
+        bar.set_message(pace(self.what, done, total, elapsed));
         bar.set_position(done);
     }
 
@@ -56,7 +63,7 @@ impl Progress {
 
 /// Rate and remaining time, both from the mean since the start: chunks of work
 /// are alike, and a mean does not flicker.
-fn pace(done: u64, total: u64, elapsed: Duration) -> String {
+fn pace(what: &str, done: u64, total: u64, elapsed: Duration) -> String {
     let rate = done as f64 / elapsed.as_secs_f64().max(1e-9);
     if rate <= 0.0 {
         return String::new();
@@ -67,7 +74,7 @@ fn pace(done: u64, total: u64, elapsed: Duration) -> String {
         s if s < 6000.0 => format!("{:.0} min", s / 60.0),
         s => format!("{:.1} h", s / 3600.0),
     };
-    format!("{} plants/s, {left} left", significant(rate, 3))
+    format!("{} {what}/s, {left} left", significant(rate, 3))
 }
 
 fn style() -> ProgressStyle {
@@ -83,10 +90,10 @@ mod tests {
     #[test]
     fn the_pace_is_the_mean_since_the_start() {
         let two = Duration::from_secs(2);
-        assert_eq!(pace(0, 1000, two), "");
-        assert_eq!(pace(500, 1000, two), "250 plants/s, 2 s left");
-        assert_eq!(pace(1000, 1000, two), "500 plants/s, 0 s left");
-        assert_eq!(pace(2, 2000, two), "1 plants/s, 33 min left");
-        assert_eq!(pace(2, 20_002, two), "1 plants/s, 5.6 h left");
+        assert_eq!(pace("plants", 0, 1000, two), "");
+        assert_eq!(pace("plants", 500, 1000, two), "250 plants/s, 2 s left");
+        assert_eq!(pace("plants", 1000, 1000, two), "500 plants/s, 0 s left");
+        assert_eq!(pace("plants", 2, 2000, two), "1 plants/s, 33 min left");
+        assert_eq!(pace("plants", 2, 20_002, two), "1 plants/s, 5.6 h left");
     }
 }

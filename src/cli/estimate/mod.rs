@@ -105,7 +105,8 @@ fn timeline(scenario: &Scenario, estimator: &Estimator, rows: &[Row], timed: boo
     }
 }
 
-fn law(name: LawName) -> Law {
+/// The law behind a name of the command line.
+pub(super) fn law(name: LawName) -> Law {
     match name {
         LawName::Bayes => Law::Bayes,
         LawName::Zhang1 => Law::Zhang { n_max: 1.0 },

@@ -1,0 +1,84 @@
+//! `mmae run`: Monte-Carlo trials of a bank.
+
+mod save;
+mod show;
+
+use std::time::{Instant, SystemTime};
+
+use super::arguments::RunArguments;
+use super::estimate::law;
+use super::failure::{Failure, say};
+use super::output;
+use super::progress::Progress;
+use super::signals::Signals;
+use crate::error::Error;
+use crate::par::RunControl;
+use crate::report::write::Output;
+use crate::scenario::{Scenario, Simulation};
+use crate::sim::Summary;
+
+/// Up to so many trials are also told one by one.
+const FEW: u64 = 16;
+
+pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure> {
+    let clock = (SystemTime::now(), Instant::now());
+    let scenario = Scenario::from_file(&args.file)?;
+    for warning in scenario.warnings() {
+        say("warning", &warning.to_string());
+    }
+    let mut simulation = scenario.simulation(&args.truth)?;
+    if let Some(name) = args.weighting {
+        simulation.estimator.weighting.law = law(name);
+    }
+    simulation.trials = args.trials.unwrap_or(simulation.trials);
+    simulation.seed = args.seed.unwrap_or(simulation.seed);
+    let output = match &args.out {
+        Some(dir) => Some(Output::open(dir, &save::FILES, args.force)?),
+        None => None,
+    };
+    let progress = Progress::of("trials");
+    let report = |done, total| progress.update(done, total);
+    let control = RunControl::default()
+        .threads(args.threads.into())
+        .cancel(signals.cancel())
+        .progress(&report);
+    let keep = if simulation.trials <= FEW { (0..simulation.trials).collect() } else { Vec::new() };
+    let result = simulation.experiment(keep).run(&control);
+    progress.finish();
+    let summary = result.map_err(|e| match e {
+        Error::Cancelled => Failure::Cancelled,
+        e => scenario.explain(e).into(),
+    })?;
+    warn(&simulation, &summary);
+    if let Some(output) = output {
+        let dir = output.dir().to_path_buf();
+        save::save(args, &simulation, &summary, output, signals, clock)?;
+        say("note", &format!("wrote {} to {}", save::FILES.join(", "), dir.display()));
+    }
+    output::print(Some(signals), |out| {
+        if args.json {
+            show::json(out, &simulation, &summary)
+        } else {
+            show::text(out, &simulation, &summary)
+        }
+    })
+}
+
+/// What a result lacks, on the standard error.
+fn warn(simulation: &Simulation, summary: &Summary) {
+    let label = |i: usize| &simulation.estimator.labels[i];
+    for (i, failure) in summary.failures.iter().enumerate() {
+        let failed = summary.last().failed[i];
+        match failure {
+            Some(failure) => {
+                say("warning", &format!("model {} ({}) is unusable: {failure}", i + 1, label(i)));
+            }
+            None if failed > 0.0 => {
+                let percent = 100.0 * failed;
+                let what = format!("model {} ({}) ran away in {percent} %", i + 1, label(i));
+                say("warning", &format!("{what} of the trials"));
+            }
+            None => {}
+        }
+    }
+}

@@ -1,0 +1,184 @@
+//! What `mmae run` prints.
+
+use std::io::{self, Write};
+
+use serde::Serialize;
+
+use crate::report::{layout, significant};
+use crate::scenario::Simulation;
+use crate::sim::{Moment, Summary, Trajectory};
+
+/// A report.
+#[derive(Serialize)]
+struct Row<'a> {
+    k: u64,
+    t: f64,
+    p: &'a [f64],
+    p_std: &'a [f64],
+    identified: &'a [f64],
+    theta_hat: Vec<f64>,
+    x_error_rms: Option<f64>,
+    nis: Vec<Option<f64>>,
+}
+
+/// The end of one trial.
+#[derive(Serialize)]
+struct Each {
+    trial: u64,
+    log_weights: Vec<Option<f64>>,
+    p: Vec<f64>,
+    best: Option<usize>,
+    x: Vec<Option<f64>>,
+    x_hat: Vec<Option<f64>>,
+}
+
+#[derive(Serialize)]
+struct Document<'a> {
+    schema: &'static str,
+    version: &'static str,
+    parameters: &'a [String],
+    models: &'a [Vec<f64>],
+    labels: &'a [String],
+    law: &'static str,
+    steps: u64,
+    dt: f64,
+    trials: u64,
+    seed: u64,
+    log_weights: Vec<Option<f64>>,
+    p: &'a [f64],
+    theta_hat: Vec<f64>,
+    identified: &'a [f64],
+    x_error_rms: Option<f64>,
+    nis: Vec<Option<f64>>,
+    failed: &'a [f64],
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    per_trial: Vec<Each>,
+    record: Vec<Row<'a>>,
+}
+
+fn number(v: f64) -> Option<f64> {
+    v.is_finite().then_some(v)
+}
+
+fn numbers(list: &[f64]) -> Vec<Option<f64>> {
+    list.iter().map(|v| number(*v)).collect()
+}
+
+/// Mean of each parameter over weights and trials.
+fn theta(simulation: &Simulation, moment: &Moment) -> Vec<f64> {
+    let values = &simulation.estimator.values;
+    (0..simulation.estimator.parameters.len())
+        .map(|k| moment.mean(&values.iter().map(|v| v[k]).collect::<Vec<_>>()))
+        .collect()
+}
+
+fn each(simulation: &Simulation, trial: &Trajectory, models: usize) -> Each {
+    let last = |all: &[f64], n: usize| all[all.len() - n.min(all.len())..].to_vec();
+    let log_p = last(&trial.log_p, models);
+    let mut best: Option<usize> = None;
+    for (i, l) in log_p.iter().enumerate() {
+        if *l > best.map_or(f64::NEG_INFINITY, |b| log_p[b]) {
+            best = Some(i);
+        }
+    }
+    Each {
+        trial: trial.trial,
+        log_weights: numbers(&log_p),
+        p: log_p.iter().map(|l| libm::exp(*l)).collect(),
+        best,
+        x: numbers(&last(&trial.x, simulation.truth.x0.len())),
+        x_hat: numbers(&last(&trial.x_hat, simulation.estimator.names.states.len())),
+    }
+}
+
+/// One object.
+pub(super) fn json(
+    out: &mut dyn Write,
+    simulation: &Simulation,
+    summary: &Summary,
+) -> io::Result<()> {
+    let (estimator, end) = (&simulation.estimator, summary.last());
+    let rows = summary.record.iter().map(|m| Row {
+        k: m.step,
+        t: m.step as f64 * simulation.dt,
+        p: &m.p,
+        p_std: &m.p_std,
+        identified: &m.identified,
+        theta_hat: theta(simulation, m),
+        x_error_rms: number(m.x_error_rms),
+        nis: numbers(&m.nis),
+    });
+    let document = Document {
+        schema: "mmae.run/1",
+        version: env!("CARGO_PKG_VERSION"),
+        parameters: &estimator.parameters,
+        models: &estimator.values,
+        labels: &estimator.labels,
+        law: estimator.weighting.law.name(),
+        steps: summary.steps,
+        dt: simulation.dt,
+        trials: summary.trials,
+        seed: summary.seed,
+        log_weights: numbers(&end.log_p),
+        p: &end.p,
+        theta_hat: theta(simulation, end),
+        identified: &end.identified,
+        x_error_rms: number(end.x_error_rms),
+        nis: numbers(&end.nis),
+        failed: &end.failed,
+        per_trial: summary.kept.iter().map(|t| each(simulation, t, end.p.len())).collect(),
+        record: rows.collect(),
+    };
+    serde_json::to_writer(&mut *out, &document)?;
+    out.write_all(b"\n")
+}
+
+/// Tables.
+pub(super) fn text(
+    out: &mut dyn Write,
+    simulation: &Simulation,
+    summary: &Summary,
+) -> io::Result<()> {
+    let (estimator, end) = (&simulation.estimator, summary.last());
+    writeln!(
+        out,
+        "{} trials of {} steps, {} models, law {}, seed {}.\n",
+        summary.trials,
+        summary.steps,
+        end.p.len(),
+        estimator.weighting.law.name(),
+        summary.seed
+    )?;
+    if summary.record.len() > 1 {
+        let rows = summary.record.iter().map(|m| {
+            let best = (0..m.p.len())
+                .max_by(|&i, &j| m.identified[i].total_cmp(&m.identified[j]).then(j.cmp(&i)))
+                .unwrap_or(0);
+            [
+                significant(m.step as f64 * simulation.dt, 6),
+                estimator.labels[best].clone(),
+                format!("{:.4}", m.identified[best]),
+                format!("{:.4}", m.p[best]),
+                significant(m.x_error_rms, 5),
+            ]
+        });
+        let head = ["t", "most often identified", "in", "mean p", "rms error"];
+        out.write_all(layout::grid(&head, rows).as_bytes())?;
+        writeln!(out)?;
+    }
+    let rows = (0..end.p.len()).map(|i| {
+        [
+            estimator.labels[i].clone(),
+            format!("{:.4}", end.identified[i]),
+            format!("{:.6}", end.p[i]),
+            format!("{:.6}", end.p_std[i]),
+            significant(end.nis[i], 5),
+        ]
+    });
+    let head = ["model", "identified", "mean p", "std p", "mean NIS"];
+    out.write_all(layout::grid(&head, rows).as_bytes())?;
+    for (name, value) in estimator.parameters.iter().zip(theta(simulation, end)) {
+        writeln!(out, "{name} = {} (mean over weights and trials)", significant(value, 6))?;
+    }
+    writeln!(out, "rms error of the fused state: {}", significant(end.x_error_rms, 6))
+}

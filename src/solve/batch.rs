@@ -112,8 +112,10 @@ outlined! {
     /// receive `substitute(row, col)`.
     pub(super) fn gather(field: &'a Field<'a>, at: &'a [Option<usize>], substitute: Substitute, out: &'a mut [T]) {
         let (rows, cols) = field.shape();
-        let stand_in: Vec<f64> =
-            (0..rows * cols).map(|e| substitute(e / cols, e % cols)).collect();
+        let mut stand_in = Vec::new();
+        if at.iter().any(Option::is_none) {
+            stand_in.extend((0..rows * cols).map(|e| substitute(e / cols, e % cols)));
+        }
         let mut items = [&stand_in[..]; LANES];
         for (item, &at) in items.iter_mut().zip(at) {
             if let Some(k) = at {
@@ -188,13 +190,11 @@ pub(super) fn half_unit(i: usize, j: usize) -> f64 {
 /// Items of the lanes of the group that starts at `start`: padding lanes repeat
 /// the last item, bad items are `None`.
 #[inline(always)]
-pub(super) fn lanes_of<T: Real>(first: usize, start: usize, bad: &[bool]) -> Vec<Option<usize>> {
-    (0..T::LANES)
-        .map(|lane| {
-            let local = (start + lane).min(bad.len() - 1);
-            (!bad[local]).then_some(first + local)
-        })
-        .collect()
+pub(super) fn lanes_of(first: usize, start: usize, bad: &[bool]) -> [Option<usize>; LANES] {
+    std::array::from_fn(|lane| {
+        let local = (start + lane).min(bad.len() - 1);
+        (!bad[local]).then_some(first + local)
+    })
 }
 
 /// Fails with `Shape` unless `x` is `want[0]` by `want[1]`.

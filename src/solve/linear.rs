@@ -42,7 +42,7 @@ impl Kernel for Chunk<'_> {
         let mut block = batch.block::<T>();
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
-            batch.load(&lanes_of::<T>(first, start, bad), &mut block);
+            batch.load(&lanes_of(first, start, bad), &mut block);
             block.solve();
             let (lanes, size) = (T::LANES.min(bad.len() - start), block.x.len());
             scatter(&block.x, &mut x[start * size..][..lanes * size]);

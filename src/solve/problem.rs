@@ -181,8 +181,12 @@ impl<'a> Field<'a> {
         self.symmetric
     }
 
-    /// Checks item `k`; `label` goes in front of the argument's name.
-    fn check(&self, k: usize, label: &str) -> Result<()> {
+    /// Checks item `k` of `len`.
+    fn check(&self, k: usize, len: usize) -> Result<()> {
+        let named = || match len {
+            1 => self.what.to_string(),
+            _ => format!("item {k}: {}", self.what),
+        };
         let (x, cols) = (self.item(k), self.cols);
         // One pass without branches, which any compiler makes vectors of: adding
         // one to a full exponent field carries into the sign bit. The place is
@@ -190,8 +194,7 @@ impl<'a> Field<'a> {
         let exponent = |v: &f64| v.to_bits() & EXPONENT;
         if x.iter().fold(0, |any, v| any | (exponent(v) + (1 << 52))) >> 63 != 0 {
             let at = x.iter().position(|v| !v.is_finite()).unwrap_or(0);
-            let what = format!("{label}{}", self.what);
-            return Err(Error::NonFinite { what, row: at / cols, col: at % cols });
+            return Err(Error::NonFinite { what: named(), row: at / cols, col: at % cols });
         }
         if self.symmetric {
             if (0..self.rows).all(|i| (0..i).all(|j| x[i * cols + j] == x[j * cols + i])) {
@@ -209,7 +212,7 @@ impl<'a> Field<'a> {
                 }
             }
             if difference > 0.5 * SYMMETRY * largest {
-                let what = format!("{label}{}", self.what);
+                let what = named();
                 let relative = difference / (0.5 * largest);
                 return Err(Error::NotSymmetric { what, relative });
             }
@@ -220,8 +223,7 @@ impl<'a> Field<'a> {
 
 /// Checks item `k` of all `fields`.
 pub(crate) fn check_item(fields: &[Field<'_>], k: usize, len: usize) -> Result<()> {
-    let label = if len > 1 { format!("item {k}: ") } else { String::new() };
-    fields.iter().try_for_each(|f| f.check(k, &label))
+    fields.iter().try_for_each(|f| f.check(k, len))
 }
 
 /// Fails with `Empty` when a size that must be positive is zero.

@@ -47,7 +47,7 @@ impl Kernel for Chunk<'_> {
         let size = batch.n * batch.n;
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
-            let at = lanes_of::<T>(first, start, bad);
+            let at = lanes_of(first, start, bad);
             batch.load(&at, &mut block.data);
             block.solve(batch.kind);
             let lanes = T::LANES.min(bad.len() - start);

@@ -44,7 +44,7 @@ impl Kernel for Chunk<'_> {
         let size = batch.n * batch.n;
         let mut reports = Vec::with_capacity(bad.len());
         for start in (0..bad.len()).step_by(T::LANES) {
-            batch.load(&lanes_of::<T>(first, start, bad), &mut flow);
+            batch.load(&lanes_of(first, start, bad), &mut flow);
             flow.solve();
             let lanes = T::LANES.min(bad.len() - start);
             scatter(&flow.p, &mut x[start * size..][..lanes * size]);

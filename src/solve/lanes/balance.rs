@@ -14,11 +14,15 @@ pub(crate) fn exponent_of<T: Real>(x: &[T]) -> T {
     T::select(largest.gt(T::zero()), e, T::zero())
 }
 
-/// The factors whose product is `2^e`, so that `e` may go beyond the range of
-/// one.
+/// Exponents up to which a power of two is a normal number.
+const REACH: f64 = 1000.0;
+
+/// The factors whose product is `2^e`, the second one wherever `e` is within the
+/// range of the first.
 #[inline(always)]
 fn factors<T: Real>(e: T) -> (T, T) {
-    let first = (e * T::splat(0.5)).round_ties_even();
+    let half = (e * T::splat(0.5)).round_ties_even();
+    let first = T::select(e.abs().le(T::splat(REACH)), e, half);
     (T::pow2i(first), T::pow2i(e - first))
 }
 
@@ -26,6 +30,13 @@ outlined! {
     /// `x *= 2^e`.
     pub(crate) fn shift(x: &'a mut [T], e: T) {
         let (u, v) = factors(e);
+        if v.eq(T::one()).all() {
+            // As the other branch has it, where `v` is one.
+            for x in x {
+                *x = *x * u;
+            }
+            return;
+        }
         for x in x {
             *x = *x * u * v;
         }
@@ -89,19 +100,24 @@ outlined! {
 #[inline(always)]
 fn exponent<T: Real>(n: usize, i: usize, [a, g, q]: [&[T]; 3]) -> T {
     let (mut column, mut row) = (T::zero(), T::zero());
-    for j in (0..n).filter(|&j| j != i) {
+    if g.is_empty() {
+        for j in (0..i).chain(i + 1..n) {
+            column = column + a[j * n + i];
+            row = row + a[i * n + j];
+        }
+        let e = (log2(row), log2(column));
+        let e = T::select(e.0.1 & e.1.1, (e.0.0 - e.1.0) * T::splat(0.5), T::zero());
+        return e.round_ties_even().min(T::splat(500.0)).max(T::splat(-500.0));
+    }
+    for j in (0..i).chain(i + 1..n) {
         column = column + a[j * n + i];
         row = row + a[i * n + j];
-        if !g.is_empty() {
-            column = column + q[j * n + i];
-            row = row + g[j * n + i];
-        }
+        column = column + q[j * n + i];
+        row = row + g[j * n + i];
     }
     let (zero, far) = (T::zero(), T::splat(4000.0));
-    let (square_column, square_row) =
-        if g.is_empty() { (zero, zero) } else { (q[i * n + i], g[i * n + i]) };
-    let columns = [log2(column), log2(square_column)];
-    let rows = [log2(row), log2(square_row)];
+    let columns = [log2(column), log2(q[i * n + i])];
+    let rows = [log2(row), log2(g[i * n + i])];
     // Where the larger of two rising lines meets the larger of two falling ones.
     let mut best = -far;
     for (falling, (r, has_row)) in rows.into_iter().enumerate() {
@@ -122,11 +138,28 @@ outlined! {
     /// cols; `row` and `col` are -1, 0 or 1.
     pub(crate) fn apply(k: &'a [T], sides: [f64; 2], x: &'a mut [T], size: [usize; 2]) {
         let ([row, col], [rows, cols]) = (sides, size);
+        let (mut any, mut near) = (T::Mask::splat(false), T::Mask::splat(true));
+        for &k in k {
+            any = any | k.abs().gt(T::zero());
+            near = near & k.abs().le(T::splat(0.5 * REACH));
+        }
+        if !any.any() {
+            return;
+        }
+        let of = |side: f64, at: usize| if side == 0.0 { T::zero() } else { k[at] * T::splat(side) };
+        let near = near.all();
         for i in 0..rows {
+            let row = of(row, i);
             for j in 0..cols {
-                let of = |side: f64, at: usize| if side == 0.0 { T::zero() } else { k[at] * T::splat(side) };
-                let (u, v) = factors(of(row, i) + of(col, j));
-                x[i * cols + j] = x[i * cols + j] * u * v;
+                let x = &mut x[i * cols + j];
+                let e = row + of(col, j);
+                // The same bits: there the second factor is one.
+                *x = if near {
+                    *x * T::pow2i(e)
+                } else {
+                    let (u, v) = factors(e);
+                    *x * u * v
+                };
             }
         }
     }

@@ -1,7 +1,6 @@
 //! Bounds on the error of a corrected solution.
 
-use super::balance::apply;
-use super::ops::norm;
+use super::ops::outlined;
 use crate::real::{Mask, Real};
 
 /// Rounding of the returned entries, and of whatever they are compared with.
@@ -11,15 +10,21 @@ const SAFETY: f64 = 4.0;
 /// Unit roundoff of sums in twice the working precision.
 const TWICE: f64 = f64::EPSILON * f64::EPSILON;
 
-/// Sizes of the last two corrections of a solution, relative to it.
+/// A correction beside which the rounding of the returned entries shows: larger
+/// ones are looked at again.
+const CLEAR: f64 = f64::EPSILON / 32.0;
+/// What a sum of powers leaves of a residual, over its condition and rounding.
+const SUMS: f64 = 16.0;
+/// What such a sum leaves that is ended early, see [`super::powers::Digits`].
+const ENDED: f64 = 1.0 / (1_u64 << 26) as f64;
+
+/// Sizes of the last corrections of a solution, relative to it.
 #[derive(Clone, Copy)]
 pub(super) struct Amplification<T> {
-    /// The last but one, in balanced units.
-    pub(super) correction: T,
-    /// The last in balanced units, for its ratio to the one before.
-    pub(super) rate: T,
     /// The last, in the units that show it largest.
-    pub(super) again: T,
+    pub(super) last: T,
+    /// What it left over what it took away.
+    pub(super) rate: T,
     /// What a residual relative to its terms is amplified by.
     pub(super) condition: T,
 }
@@ -28,51 +33,82 @@ impl<T: Real> Amplification<T> {
     /// Bound on the relative error that the last correction leaves.
     ///
     /// ```text
-    /// |X - X*| / |X| <= 1.25 eps + 4 r c2 + 8 n eps^2 kappa,    r = min(1, c2 / c1)
+    /// |X - X*| / |X| <= 1.25 eps + 4 r c + 8 n eps^2 kappa
     /// ```
-    /// `c1`, `c2` the last two corrections: what a correction leaves of an error
-    /// is about the ratio of the two. Residuals are summed in twice the working
-    /// precision, so their rounding counts only for conditions beyond 1e15.
+    /// `c` the last correction, `r` what it left over what it took away.
+    /// Residuals are summed in twice the working precision, so their rounding
+    /// counts only for conditions beyond 1e15.
     #[inline(always)]
     pub(super) fn bound(self, n: usize) -> T {
-        let one = T::one();
-        let rate = self.rate / self.correction;
-        let rate = T::select(rate.lt(one), rate, one);
         let noise = self.condition * T::splat(8.0 * n as f64 * TWICE);
-        let left = T::splat(SAFETY) * rate * self.again;
+        let left = T::splat(SAFETY) * self.rate * self.last;
         T::splat(ROUNDING) + (left + noise)
+    }
+
+    /// Lanes in which another correction would change nothing that can be seen.
+    #[inline(always)]
+    pub(super) fn is_clear(self) -> T::Mask {
+        (T::splat(SAFETY) * self.rate * self.last).le(T::splat(CLEAR))
     }
 }
 
-/// `|D^-1 part D^-1| / |D^-1 whole D^-1|` for `D = diag(2^k)`, both n by n and
-/// overwritten; zero where that is beyond the range of numbers.
+/// What a correction leaves of an error, from two in a row.
+///
+/// ```text
+/// r = min(1, c2 / c1)
+/// ```
 #[inline(always)]
-pub(super) fn in_units<T: Real>(k: &[T], part: &mut [T], whole: &mut [T]) -> T {
-    let n = k.len();
+pub(super) fn rate_of_two<T: Real>(before: T, last: T) -> T {
+    let (one, rate) = (T::one(), last / before);
+    T::select(rate.lt(one), rate, one)
+}
+
+/// What a correction leaves of an error at most, from the rounding of the sums
+/// that made it: they amplify it by no more than the condition. `nonlinear` is
+/// what the equation itself leaves.
+///
+/// ```text
+/// r = min(1, (16 n eps + nonlinear) kappa + 2^-26)
+/// ```
+#[inline(always)]
+pub(super) fn rate_of_sums<T: Real>(n: usize, condition: T, nonlinear: T) -> T {
+    let one = T::one();
+    let share = T::splat(SUMS * n as f64 * T::EPSILON) + nonlinear;
+    let rate = share.mul_add(condition, T::splat(ENDED));
+    T::select(rate.lt(one), rate, one)
+}
+
+/// `|D^-1 part D^-1| / |D^-1 whole D^-1|` for `D = diag(2^k)`, both n by n; zero
+/// where that is beyond the range of numbers.
+#[inline(always)]
+pub(super) fn in_units<T: Real>(k: &[T], part: &[T], whole: &[T]) -> T {
     let mut least = k[0];
     for &e in k {
         least = least.min(e);
     }
-    let mut relative = k.to_vec();
-    for e in &mut relative {
-        *e = *e - least;
-    }
-    ratio([&relative, &relative], [-1.0, -1.0], part, whole, [n, n])
+    shares(k, k, [least, least], [-1.0, -1.0], part, whole)
 }
 
-/// As [`in_units`] for `2^(left) part 2^(right)` with the given sides.
-#[inline(always)]
-pub(super) fn ratio<T: Real>(
-    [left, right]: [&[T]; 2],
-    [l, r]: [f64; 2],
-    part: &mut [T],
-    whole: &mut [T],
-    size: [usize; 2],
-) -> T {
-    for x in [&mut *part, &mut *whole] {
-        apply(left, [l, 0.0], x, size);
-        apply(right, [0.0, r], x, size);
+outlined! {
+    /// As [`in_units`] for `2^(l left) part 2^(r right)`, `l` and `r` 1 or -1.
+    /// `origin` is taken from the exponents: it cancels.
+    pub(super) fn shares(left: &'a [T], right: &'a [T], origin: [T; 2], sides: [f64; 2], part: &'a [T], whole: &'a [T]) -> T {
+        let cols = right.len();
+        let (l, r) = (T::splat(sides[0]), T::splat(sides[1]));
+        let (mut sum_part, mut sum_whole) = (T::zero(), T::zero());
+        // Columns outside: their factors are made once, those of the rows are few.
+        let reach = T::splat(1000.0);
+        let power = |e: T| T::pow2i(e.min(reach).max(-reach));
+        for j in 0..cols {
+            let column = power((right[j] - origin[1]) * r);
+            for i in 0..left.len() {
+                let row = power((left[i] - origin[0]) * l);
+                let (u, v) = (part[i * cols + j] * row * column, whole[i * cols + j] * row * column);
+                sum_part = u.mul_add(u, sum_part);
+                sum_whole = v.mul_add(v, sum_whole);
+            }
+        }
+        let share = (sum_part / sum_whole).sqrt();
+        T::select(share.is_finite() & share.ge(T::zero()), share, T::zero())
     }
-    let share = norm(part) / norm(whole);
-    T::select(share.is_finite() & share.ge(T::zero()), share, T::zero())
 }

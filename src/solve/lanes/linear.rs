@@ -1,13 +1,12 @@
 //! One lane block of Lyapunov or Sylvester equations: balance, sum, correct.
 
 use super::balance::{apply, balance, exponent_of, shift};
-use super::bound::{Amplification, ratio};
+use super::bound::{Amplification, rate_of_sums, rate_of_two, shares};
 use super::data::Kind;
 use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
 use super::ops::{add_where, largest, norm, outlined, transpose};
-use super::powers::{Cayley, gamma_of};
-
-use super::smith::{lyapunov, stein, stein_pair, sylvester};
+use super::powers::{Cayley, Digits, gamma_of};
+use super::smith::{lyapunov_to, stein_pair, stein_to, sylvester};
 use crate::real::{Mask, Real};
 
 /// Corrections after which a lane is given up.
@@ -96,8 +95,8 @@ impl<T: Real> Linear<T> {
             right: zeros(m),
             time: T::zero(),
             cost: T::zero(),
-            left_cayley: Cayley::new(n),
-            right_cayley: Cayley::new(m),
+            left_cayley: if symmetric { Cayley::for_both_sides(n) } else { Cayley::new(n) },
+            right_cayley: Cayley::new(if symmetric { 0 } else { m }),
             dx: zeros(n * m),
             p: two(),
             r: two(),
@@ -186,9 +185,9 @@ impl<T: Real> Linear<T> {
     /// The solution for the right-hand side in `dx`, in its place, by `inverse`
     /// (of a block whose lanes are all alike) or by Smith sums.
     #[inline(always)]
-    fn invert(&mut self, inverse: Option<&Inverse<T>>) {
+    fn invert(&mut self, inverse: Option<&Inverse<T>>, digits: Digits) {
         match inverse {
-            None => self.apply_inverse(),
+            None => self.apply_inverse(digits),
             Some(Inverse::Full(inverse)) => inverse(&mut self.dx),
             Some(Inverse::Plain(inverse)) => {
                 let mut x: Vec<f64> = self.dx.iter().map(|v| v.lane(0)).collect();
@@ -202,13 +201,13 @@ impl<T: Real> Linear<T> {
 
     /// [`Linear::invert`] by Smith sums.
     #[inline(always)]
-    fn apply_inverse(&mut self) {
+    fn apply_inverse(&mut self, digits: Digits) {
         let (x, work) = (&mut self.dx, &mut self.work);
         let (left, right) = (&self.left_cayley, &self.right_cayley);
         match (self.kind, self.symmetric) {
-            (Kind::Continuous, true) => lyapunov(left, x, work),
+            (Kind::Continuous, true) => lyapunov_to(left, x, work, digits),
             (Kind::Continuous, false) => sylvester(left, right, x, work),
-            (Kind::Discrete, true) => stein(&left.powers, x, work),
+            (Kind::Discrete, true) => stein_to(&left.powers, x, work, digits),
             (Kind::Discrete, false) => stein_pair(&left.powers, &right.powers, x, work),
         }
     }
@@ -235,16 +234,26 @@ outlined! {
         l.done = T::Mask::splat(false);
         l.steps = T::zero();
         let mut active = wanted;
+        let mut before = T::one();
         for round in 0..=MAX_CORRECTIONS {
             if !active.any() {
                 return;
             }
-            let size = residual(l);
-            let relative = norm(&l.dx) / size;
-            l.invert(inverse);
-            let none = norm(&l.dx).eq(T::zero());
+            // The residual of X = 0 is C.
+            let size = if round == 0 {
+                l.dx.copy_from_slice(&l.c);
+                let size = norm(&l.c);
+                T::select(size.gt(T::zero()), size, T::one())
+            } else {
+                residual(l)
+            };
+            let change = norm(&l.dx);
+            let relative = change / size;
+            l.invert(inverse, if round == 0 { Digits::All } else { Digits::Half });
+            let change = norm(&l.dx);
+            let none = change.eq(T::zero());
             add_where(active, &mut l.x, &l.dx);
-            let correction = norm(&l.dx) / norm(&l.x);
+            let correction = change / norm(&l.x);
             let correction = T::select(none, T::zero(), correction);
             if round > 0 {
                 l.residual = T::select(active, relative, l.residual);
@@ -253,8 +262,9 @@ outlined! {
             let last = active & correction.le(T::splat(LAST));
             let mut finished = if round == 0 { active & none } else { last };
             if l.bounds && finished.any() {
-                finished = measure(l, finished, correction, inverse);
+                finished = measure(l, finished, [before, correction], size, inverse);
             }
+            before = correction;
             l.done = l.done | finished;
             l.correction = T::select(active & none, T::zero(), l.correction);
             l.residual = T::select(active & none, relative, l.residual);
@@ -264,64 +274,85 @@ outlined! {
 }
 
 outlined! {
-    /// Corrects `x` once more where `finished` and measures how much that
-    /// changed; returns the lanes in which the correction was no larger than the
-    /// one before.
+    /// Bounds the error left in `x` where `finished`; where more is left than
+    /// rounding, corrects once more on a residual made afresh and measures how
+    /// much that changed. Returns the lanes in which that correction was no
+    /// larger than the one before.
     ///
     /// The condition is that of the worst of a few right-hand sides as large as
-    /// the terms of the residual; of a stable Lyapunov equation the identity is
-    /// the worst there is (see the correction of Riccati solutions).
-    fn measure(l: &'a mut Linear<T>, finished: T::Mask, correction: T, inverse: Option<&'a Inverse<T>>) -> T::Mask {
-        let (n, m) = (l.n, l.m);
-        let size = residual(l);
-        l.invert(inverse);
+    /// the terms of the residual (`size`); of a stable Lyapunov equation the
+    /// identity is the worst there is (see the correction of Riccati solutions).
+    fn measure(l: &'a mut Linear<T>, finished: T::Mask, corrections: [T; 2], size: T, inverse: Option<&'a Inverse<T>>) -> T::Mask {
+        let larger = l.n.max(l.m);
+        let [before, correction] = corrections;
         let scale = norm(&l.x);
         let zero = scale.eq(T::zero());
+        let there = T::select(zero, T::zero(), share_there(l));
+        let (condition, condition_there) = condition(l, size, scale, inverse);
+        l.condition = T::select(finished, condition, l.condition);
+        let rate = rate_of_sums(larger, condition, T::zero()).max(rate_of_two(before, correction));
+        let condition = condition.max(condition_there);
+        let once = Amplification { last: correction.max(there), rate, condition };
+        let mut clear = finished & once.is_clear();
+        if inverse.is_some() {
+            clear = T::Mask::splat(false);
+        }
+        l.error_bound = T::select(clear, once.bound(larger), l.error_bound);
+        let unclear = finished & !clear;
+        if !unclear.any() {
+            return finished;
+        }
+        residual(l);
+        l.invert(inverse, Digits::All);
         let again = T::select(zero, T::zero(), norm(&l.dx) / scale);
-        let agreed = finished & again.le(correction.max(T::splat(LAST)));
+        let agreed = unclear & again.le(correction.max(T::splat(LAST)));
         add_where(agreed, &mut l.x, &l.dx);
-        let again_there = T::select(zero, T::zero(), share_there(l));
-        let (mut condition, mut condition_there) = (T::zero(), T::zero());
-        let exact = l.symmetric && inverse.is_none();
-        for probe in 0..if exact { 1 } else { PROBES } {
-            let share_of_entry = if exact { 1.0 } else { 1.0 / ((n * m) as f64).sqrt() };
-            let entry = size * T::splat(share_of_entry);
-            for i in 0..n {
-                for j in 0..m {
-                    l.dx[i * m + j] = if !exact {
-                        entry * T::splat(sign(probe, i) * sign(probe, j))
-                    } else if i == j {
-                        entry
-                    } else {
-                        T::zero()
-                    };
-                }
-            }
-            l.invert(inverse);
-            let share = T::select(zero, T::zero(), norm(&l.dx) / scale);
-            condition = condition.max(share);
-            condition_there = condition_there.max(T::select(zero, T::zero(), share_there(l)));
-        }
-        let bound = Amplification {
-            correction,
-            again: again.max(again_there),
-            rate: again,
-            condition: condition.max(condition_there),
-        }
-        .bound(n.max(m));
-        l.condition = T::select(agreed, condition, l.condition);
-        l.error_bound = T::select(agreed, bound, l.error_bound);
-        agreed
+        let there = T::select(zero, T::zero(), share_there(l));
+        let rate = rate_of_two(correction, again);
+        let twice = Amplification { last: again.max(there), rate, condition };
+        l.error_bound = T::select(agreed, twice.bound(larger), l.error_bound);
+        clear | agreed
     }
+}
+
+/// What a residual as large as `size` could do to `X`, relative to its size
+/// `scale`, in balanced units and in those of the user.
+#[inline(always)]
+fn condition<T: Real>(
+    l: &mut Linear<T>,
+    size: T,
+    scale: T,
+    inverse: Option<&Inverse<T>>,
+) -> (T, T) {
+    let (n, m) = (l.n, l.m);
+    let zero = scale.eq(T::zero());
+    let (mut here, mut there) = (T::zero(), T::zero());
+    let exact = l.symmetric && inverse.is_none();
+    for probe in 0..if exact { 1 } else { PROBES } {
+        let share_of_entry = if exact { 1.0 } else { 1.0 / ((n * m) as f64).sqrt() };
+        let entry = size * T::splat(share_of_entry);
+        for i in 0..n {
+            for j in 0..m {
+                l.dx[i * m + j] = if !exact {
+                    entry * T::splat(sign(probe, i) * sign(probe, j))
+                } else if i == j {
+                    entry
+                } else {
+                    T::zero()
+                };
+            }
+        }
+        l.invert(inverse, Digits::Few);
+        here = here.max(T::select(zero, T::zero(), norm(&l.dx) / scale));
+        there = there.max(T::select(zero, T::zero(), share_there(l)));
+    }
+    (here, there)
 }
 
 /// `|dX| / |X|` in the units of the user.
 #[inline(always)]
-fn share_there<T: Real>(l: &mut Linear<T>) -> T {
-    let [whole, part] = &mut l.p;
-    whole.copy_from_slice(&l.x);
-    part.copy_from_slice(&l.dx);
-    ratio([&l.left, &l.right], [1.0, -1.0], part, whole, [l.n, l.m])
+fn share_there<T: Real>(l: &Linear<T>) -> T {
+    shares(&l.left, &l.right, [T::zero(); 2], [1.0, -1.0], &l.dx, &l.x)
 }
 
 /// Right-hand sides tried for the condition where the worst is not known.

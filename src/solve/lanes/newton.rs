@@ -1,11 +1,11 @@
 //! Newton's correction of a Riccati solution, which also verifies it.
 
-use super::bound::{Amplification, in_units};
+use super::bound::{Amplification, in_units, rate_of_sums, rate_of_two};
 use super::data::{Data, Kind};
 use super::ops::{add_where, largest, norm, outlined, transpose};
-use super::powers::{Cayley, gamma_of};
+use super::powers::{Cayley, Digits, gamma_of};
 use super::residual::{gain, residual, sharpen};
-use super::smith::{lyapunov_dual, stein_dual};
+use super::smith::{lyapunov_dual_to, stein_dual_to};
 use crate::real::{Mask, Real};
 use crate::small::{Dyn, cholesky, mul, mul_tn, solve_lower, sym_mul_nt, symmetrize};
 
@@ -75,7 +75,7 @@ impl<T: Real> Newton<T> {
             bounds: true,
             error_bound: T::zero(),
             condition: T::zero(),
-            cayley: Cayley::new(n),
+            cayley: Cayley::for_both_sides(n),
             k: zeros(m * n),
             v: two(m * n),
             r: zeros(m * m),
@@ -118,9 +118,10 @@ impl<T: Real> Newton<T> {
             enter(self, d.n, x);
             let stable = self.solve(kind, d.n);
             leave(self, d.n);
-            let correction = norm(&self.dx) / norm(x);
+            let change = norm(&self.dx);
+            let correction = change / norm(x);
             // X = 0 is corrected by 0: not a failure
-            let none = norm(&self.dx).eq(T::zero());
+            let none = change.eq(T::zero());
             let correction = T::select(none, T::zero(), correction);
             let sound = active & regular & stable & correction.is_finite();
             self.residual = T::select(active, residual, self.residual);
@@ -133,8 +134,8 @@ impl<T: Real> Newton<T> {
             };
             let squarings = self.cayley.powers.squarings();
             self.steps = T::select(active, self.steps + squarings, self.steps);
-            if self.bounds && last.any() {
-                last = measure(self, kind, d, x, last, correction);
+            if last.any() {
+                last = measure(self, kind, d, x, last, correction, size);
             }
             self.margin = T::select(last, margin, self.margin);
             self.done = self.done | last;
@@ -155,17 +156,18 @@ impl<T: Real> Newton<T> {
             }
             Kind::Discrete => self.cayley.powers.set(closed),
         }
-        self.sum(kind);
+        self.sum(kind, Digits::Half);
         self.cayley.powers.stable
     }
 
     /// The solution for the right-hand side in `dx`, in its place, with the
     /// powers at hand.
     #[inline(always)]
-    fn sum(&mut self, kind: Kind) {
+    fn sum(&mut self, kind: Kind, digits: Digits) {
+        let (x, work) = (&mut self.dx, &mut self.work);
         match kind {
-            Kind::Continuous => lyapunov_dual(&self.cayley, &mut self.dx, &mut self.work),
-            Kind::Discrete => stein_dual(&self.cayley.powers, &mut self.dx, &mut self.work),
+            Kind::Continuous => lyapunov_dual_to(&self.cayley, x, work, digits),
+            Kind::Discrete => stein_dual_to(&self.cayley.powers, x, work, digits),
         }
     }
 }
@@ -230,19 +232,11 @@ outlined! {
     }
 }
 
-/// `|dX| / |X|` in the units of the user.
-#[inline(always)]
-fn share_there<T: Real>(w: &mut Newton<T>, d: &Data<T>, x: &[T]) -> T {
-    let [whole, part] = &mut w.m;
-    whole.copy_from_slice(x);
-    part.copy_from_slice(&w.dx);
-    in_units(&d.scale, part, whole)
-}
-
 outlined! {
-    /// Corrects `x` once more where `last` and measures how much that changed, on
-    /// a residual made afresh; returns the lanes in which the correction was no
-    /// larger than the one before.
+    /// Bounds the error left in `x` where `last`; where more is left than
+    /// rounding, corrects once more on a residual made afresh and measures how
+    /// much that changed. Returns the lanes in which that correction was no larger
+    /// than the one before.
     ///
     /// The condition comes from the largest residual that rounding could leave,
     /// in the sense of order:
@@ -253,39 +247,51 @@ outlined! {
     /// `s` the sum of the norms of the terms of the residual. The operator is
     /// positive, so `|Y|` is attained (Hewer, Kenney 1988, SIAM J. Control Optim.
     /// 26, 321-344): the quantity that sep estimates.
-    fn measure(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a mut [T], last: T::Mask, correction: T) -> T::Mask {
+    fn measure(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a mut [T], last: T::Mask, correction: T, size: T) -> T::Mask {
         let n = d.n;
-        let regular = gain(w, kind, d, x);
-        let size = residual(w, kind, d, x);
-        sharpen(w, kind, d, x);
-        enter_residual(w, n);
-        w.sum(kind);
-        leave(w, n);
         let scale = norm(x);
         let zero = scale.eq(T::zero());
+        let mut clear = last & correction.le(T::splat(ROUNDING));
+        let mut condition = T::zero();
+        if w.bounds {
+            let there = T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x));
+            w.dx.fill(T::zero());
+            for i in 0..n {
+                w.dx[i * n + i] = size;
+            }
+            enter_residual(w, n);
+            w.sum(kind, Digits::Few);
+            leave(w, n);
+            let here = T::select(zero, T::zero(), norm(&w.dx) / scale);
+            w.condition = T::select(last, here, w.condition);
+            // What is left of a correction by Newton's method is of its square.
+            let rate = rate_of_sums(n, here, correction);
+            condition = here.max(T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x)));
+            let once = Amplification { last: correction.max(there), rate, condition };
+            clear = clear & once.is_clear();
+            w.error_bound = T::select(clear, once.bound(n), w.error_bound);
+        }
+        let unclear = last & !clear;
+        if !unclear.any() {
+            return last;
+        }
+        let regular = gain(w, kind, d, x);
+        residual(w, kind, d, x);
+        sharpen(w, kind, d, x);
+        // The powers are those of the loop before the correction, as they were.
+        enter_residual(w, n);
+        w.sum(kind, Digits::All);
+        leave(w, n);
         let again = T::select(zero, T::zero(), norm(&w.dx) / scale);
         let fast = again.le(correction * T::splat(0.0625)) | correction.le(T::splat(ROUNDING));
-        let agreed = last & regular & fast & again.le(T::splat(LAST));
+        let agreed = unclear & regular & fast & again.le(T::splat(LAST));
         add_where(agreed, x, &w.dx);
-        let again_there = T::select(zero, T::zero(), share_there(w, d, x));
-        w.dx.fill(T::zero());
-        for i in 0..n {
-            w.dx[i * n + i] = size;
+        if w.bounds {
+            let there = T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x));
+            let rate = rate_of_two(correction, again);
+            let twice = Amplification { last: again.max(there), rate, condition };
+            w.error_bound = T::select(agreed, twice.bound(n), w.error_bound);
         }
-        enter_residual(w, n);
-        w.sum(kind);
-        leave(w, n);
-        let condition = T::select(zero, T::zero(), norm(&w.dx) / scale);
-        let condition_there = T::select(zero, T::zero(), share_there(w, d, x));
-        let bound = Amplification {
-            correction,
-            again: again.max(again_there),
-            rate: again,
-            condition: condition.max(condition_there),
-        }
-        .bound(n);
-        w.condition = T::select(agreed, condition, w.condition);
-        w.error_bound = T::select(agreed, bound, w.error_bound);
-        agreed
+        clear | agreed
     }
 }

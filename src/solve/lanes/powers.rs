@@ -21,6 +21,20 @@ fn floor<T: Real>() -> f64 {
 fn floor_root<T: Real>() -> f64 {
     floor::<T>().sqrt()
 }
+/// The same for a sum of which the size is wanted.
+const FEW: f64 = 1.0 / 64.0;
+
+/// To how many digits a sum is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Digits {
+    /// All that the numbers have.
+    All,
+    /// Half of them: a correction.
+    Half,
+    /// Three: a size.
+    Few,
+}
+
 /// A stable matrix that transiently grows to this is not worked with.
 const CEILING: f64 = 1e100;
 
@@ -50,6 +64,8 @@ pub(crate) struct Powers<T: Real> {
     exponent: T,
     /// Squarings that each lane made.
     squarings: T,
+    /// Powers are only ever used on both sides at once.
+    both_sides: bool,
 }
 
 impl<T: Real> Powers<T> {
@@ -66,7 +82,15 @@ impl<T: Real> Powers<T> {
             bound: T::zero(),
             exponent: T::one(),
             squarings: T::zero(),
+            both_sides: false,
         }
+    }
+
+    /// As [`Powers::new`] for sums that have every power on both sides: they end
+    /// one squaring sooner.
+    #[inline(always)]
+    pub(crate) fn for_both_sides(n: usize) -> Self {
+        Powers { both_sides: true, ..Powers::new(n) }
     }
 
     /// Number of powers kept.
@@ -82,10 +106,15 @@ impl<T: Real> Powers<T> {
         &self.f[k * size..][..size]
     }
 
-    /// Lanes in which `F^(2^k) X F^(2^k)'` can still be seen beside `X`.
+    /// Lanes in which `F^(2^k) X F^(2^k)'` can still be seen beside `X`, where
+    /// that is wanted to `digits`.
     #[inline(always)]
-    pub(crate) fn seen_twice(&self, k: usize) -> T::Mask {
-        self.norms[k].gt(T::splat(floor_root::<T>()))
+    pub(crate) fn seen_twice(&self, k: usize, digits: Digits) -> T::Mask {
+        self.norms[k].gt(T::splat(match digits {
+            Digits::All => floor_root::<T>(),
+            Digits::Half => floor_root::<T>().sqrt(),
+            Digits::Few => FEW,
+        }))
     }
 
     /// Squarings made.
@@ -166,29 +195,33 @@ outlined! {
         let n = p.n;
         let (zero, one) = (T::zero(), T::one());
         let rounding = T::splat((n + 2) as f64 * T::EPSILON);
+        let least = T::splat(if p.both_sides { floor_root::<T>() } else { floor::<T>() });
         let none = T::Mask::splat(false);
-        p.f.clear();
         p.norms.clear();
-        p.f.extend_from_slice(f);
+        if p.f.len() < n * n {
+            p.f.resize(n * n, zero);
+        }
+        p.f[..n * n].copy_from_slice(f);
         (p.exponent, p.squarings, p.certified) = (one, zero, zero);
         (p.stable, p.decayed) = (none, none);
         let mut active = T::Mask::splat(true);
         let mut error = zero;
-        for _ in 0..=MAX_SQUARINGS {
-            let at = p.f.len() - n * n;
-            let norm = norm(&p.f[at..]);
-            let small = active & norm.le(T::splat(floor::<T>()));
+        for k in 0..=MAX_SQUARINGS {
+            let at = k * n * n;
+            let norm = norm(&p.f[at..][..n * n]);
+            let small = active & norm.le(least);
             p.bound = T::select(active, norm + error, p.bound);
             p.decayed = p.decayed | small;
             // A bound far above the power itself is no proof of its size.
             p.stable = p.stable | (small & error.le(T::splat(floor_root::<T>())));
             active = active & !small & norm.le(T::splat(CEILING));
-            for x in &mut p.f[at..] {
-                *x = T::select(active, *x, zero);
-            }
             if !active.any() {
-                p.f.truncate(at);
                 return;
+            }
+            if !active.all() {
+                for x in &mut p.f[at..][..n * n] {
+                    *x = T::select(active, *x, zero);
+                }
             }
             p.norms.push(T::select(active, norm, zero));
             if p.norms.len() > MAX_SQUARINGS {
@@ -196,8 +229,10 @@ outlined! {
             }
             // (P + D)^2 = fl(P P) + P D + D P + D D + rounding
             error = (norm + norm + error).mul_add(error, rounding * norm * norm);
-            p.f.resize(at + 2 * n * n, zero);
-            let (head, next) = p.f.split_at_mut(at + n * n);
+            if p.f.len() < at + 2 * n * n {
+                p.f.resize(at + 2 * n * n, zero);
+            }
+            let (head, next) = p.f[..at + 2 * n * n].split_at_mut(at + n * n);
             let last = &head[at..];
             mul(Dyn(n), Dyn(n), Dyn(n), last, last, next);
             p.exponent = T::select(active, p.exponent + p.exponent, p.exponent);
@@ -240,7 +275,7 @@ impl Powers<f64> {
     pub(crate) fn splat<T: Real>(&self) -> Powers<T> {
         Powers {
             n: self.n,
-            f: splat(&self.f),
+            f: splat(&self.f[..self.count() * self.n * self.n]),
             norms: splat(&self.norms),
             stable: T::Mask::splat(self.stable),
             bound: T::splat(self.bound),
@@ -248,6 +283,7 @@ impl Powers<f64> {
             squarings: T::splat(self.squarings),
             decayed: T::Mask::splat(self.decayed),
             certified: T::splat(self.certified),
+            both_sides: self.both_sides,
         }
     }
 }
@@ -308,6 +344,12 @@ impl<T: Real> Cayley<T> {
             work: vec![T::zero(); n * n],
             perm: vec![T::zero(); n],
         }
+    }
+
+    /// As [`Cayley::new`] for equations that have the powers on both sides.
+    #[inline(always)]
+    pub(crate) fn for_both_sides(n: usize) -> Self {
+        Cayley { powers: Powers::for_both_sides(n), ..Cayley::new(n) }
     }
 
     /// Transforms `a` (n by n) with `gamma` and squares; see

@@ -1,7 +1,7 @@
 //! Lyapunov and Sylvester equations as squared Smith sums over given powers.
 
 use super::ops::outlined;
-use super::powers::{Cayley, Powers};
+use super::powers::{Cayley, Digits, Powers};
 use crate::real::{Mask, Real};
 use crate::small::{
     Dyn, mul, mul_add, mul_add_nt, mul_nt, scale, sym_mul_add_nt, sym_mul_add_tn, sym_mul_nt,
@@ -14,17 +14,22 @@ outlined! {
     /// ```text
     /// X <- X + F_k X F_k',   F_k = F^(2^k)      (Smith 1968, squared)
     /// ```
-    /// Of use in lanes where `p.stable`. `work` holds at least `2 n^2` numbers.
-    pub(crate) fn stein(p: &'a Powers<T>, x: &'a mut [T], work: &'a mut [T]) {
+    /// Of use in lanes where `p.stable`; `work` holds at least `2 n^2` numbers, the
+    /// sum is made to `digits`.
+    pub(crate) fn stein_to(p: &'a Powers<T>, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
         let n = Dyn(p.n);
         let (product, next) = work[..2 * p.n * p.n].split_at_mut(p.n * p.n);
         for k in 0..p.count() {
-            let seen = p.seen_twice(k);
+            let seen = p.seen_twice(k, digits);
             if !seen.any() {
                 break;
             }
             let f = p.power(k);
             mul(n, n, n, f, x, product);
+            if seen.all() {
+                sym_mul_add_nt(n, n, product, f, x);
+                continue;
+            }
             next.copy_from_slice(x);
             sym_mul_add_nt(n, n, product, f, next);
             keep(seen, next, x);
@@ -33,17 +38,21 @@ outlined! {
 }
 
 outlined! {
-    /// `F' X F - X + Q = 0`, in place of `Q`; otherwise as [`stein`].
-    pub(crate) fn stein_dual(p: &'a Powers<T>, x: &'a mut [T], work: &'a mut [T]) {
+    /// `F' X F - X + Q = 0`, in place of `Q`; otherwise as [`stein_to`].
+    pub(crate) fn stein_dual_to(p: &'a Powers<T>, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
         let n = Dyn(p.n);
         let (product, next) = work[..2 * p.n * p.n].split_at_mut(p.n * p.n);
         for k in 0..p.count() {
-            let seen = p.seen_twice(k);
+            let seen = p.seen_twice(k, digits);
             if !seen.any() {
                 break;
             }
             let f = p.power(k);
             mul(n, n, n, x, f, product);
+            if seen.all() {
+                sym_mul_add_tn(n, n, f, product, x);
+                continue;
+            }
             next.copy_from_slice(x);
             sym_mul_add_tn(n, n, f, product, next);
             keep(seen, next, x);
@@ -81,13 +90,33 @@ outlined! {
     }
 }
 
+/// [`stein_to`] to all digits.
+#[inline(always)]
+pub(crate) fn stein<T: Real>(p: &Powers<T>, x: &mut [T], work: &mut [T]) {
+    stein_to(p, x, work, Digits::All);
+}
+
+/// [`stein_dual_to`] to all digits.
+#[inline(always)]
+pub(crate) fn stein_dual<T: Real>(p: &Powers<T>, x: &mut [T], work: &mut [T]) {
+    stein_dual_to(p, x, work, Digits::All);
+}
+
+/// [`lyapunov_to`] to all digits.
+#[inline(always)]
+pub(crate) fn lyapunov<T: Real>(a: &Cayley<T>, x: &mut [T], work: &mut [T]) {
+    lyapunov_to(a, x, work, Digits::All);
+}
+
+/// [`lyapunov_dual_to`] to all digits.
+#[inline(always)]
+pub(crate) fn lyapunov_dual<T: Real>(a: &Cayley<T>, x: &mut [T], work: &mut [T]) {
+    lyapunov_dual_to(a, x, work, Digits::All);
+}
+
 /// `x = next` where `seen`.
 #[inline(always)]
 fn keep<T: Real>(seen: T::Mask, next: &[T], x: &mut [T]) {
-    if seen.all() {
-        x.copy_from_slice(next);
-        return;
-    }
     for (x, &y) in x.iter_mut().zip(next) {
         *x = T::select(seen, y, *x);
     }
@@ -100,25 +129,25 @@ outlined! {
     /// F X F' - X + 2 gamma M Q M' = 0,   M = (gamma I - A)^-1
     /// ```
     /// Of use in lanes where `a.powers.stable`. `work` holds at least `2 n^2` numbers.
-    pub(crate) fn lyapunov(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+    pub(crate) fn lyapunov_to(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
         let n = Dyn(a.powers.n);
         let half = &mut work[..a.inverse.len()];
         mul(n, n, n, &a.inverse, x, half);
         sym_mul_nt(n, n, half, &a.inverse, x);
         scale(x, a.gamma + a.gamma);
-        stein(&a.powers, x, work);
+        stein_to(&a.powers, x, work, digits);
     }
 }
 
 outlined! {
-    /// `A' X + X A + Q = 0`, in place of `Q`; otherwise as [`lyapunov`].
-    pub(crate) fn lyapunov_dual(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T]) {
+    /// `A' X + X A + Q = 0`, in place of `Q`; otherwise as [`lyapunov_to`].
+    pub(crate) fn lyapunov_dual_to(a: &'a Cayley<T>, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
         let n = Dyn(a.powers.n);
         let half = &mut work[..a.inverse.len()];
         mul(n, n, n, x, &a.inverse, half);
         sym_mul_tn(n, n, &a.inverse, half, x);
         scale(x, a.gamma + a.gamma);
-        stein_dual(&a.powers, x, work);
+        stein_dual_to(&a.powers, x, work, digits);
     }
 }
 

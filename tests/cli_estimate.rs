@@ -138,3 +138,45 @@ fn gaps_blanks_and_mistakes() {
     let out = estimate(&[&scenario, "--data", "no such file.csv"]);
     assert_eq!(out.status.code(), Some(6));
 }
+
+/// A row holds what was measured at its time and the input from then on.
+#[test]
+fn inputs_act_from_their_row_on() {
+    let scenario = file(
+        "driven.toml",
+        "format = 1\n[plant]\ntime = \"discrete\"\ndt = 1\nstates = [\"x\"]\ninputs = [\"u\"]\n\
+         disturbances = [\"w\"]\noutputs = [\"y\"]\nA = \"a\"\nB = 1\nG = 1\nC = 1\nQ = 1e-4\nR = 1e-4\n\
+         [plant.parameters]\na = 0.5\n[bank]\nmodels = { a = [0.2, 0.5, 0.8] }\n",
+    );
+    let (mut x, mut rows, mut sparse) = (0.0_f64, String::from("t,u,y\n"), String::from("t,u,y\n"));
+    let mut u = 1.0;
+    for k in 0..40 {
+        rows += &format!("{k},{u},{x}\n");
+        // the input holds over a gap
+        if k % 4 == 0 {
+            sparse += &format!("{k},{u},{x}\n");
+        }
+        x = 0.5 * x + u;
+        if k % 4 == 3 {
+            u = if k % 8 == 3 { -1.0 } else { 2.0 };
+        }
+    }
+    for (name, body) in [("driven.csv", &rows), ("sparse.csv", &sparse)] {
+        let out = estimate(&[&scenario, "--data", &file(name, body), "--json"]);
+        let got: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert!(numbers(&got["p"])[1] > 0.999, "{name}: {}", got["p"]);
+    }
+}
+
+#[test]
+fn blank_lines_of_a_single_column_are_samples() {
+    let scenario = example("nile.toml");
+    let with = |name: &str, body: &str| {
+        let out = estimate(&[&scenario, "--data", &file(name, body), "--json"]);
+        serde_json::from_slice::<Value>(&out.stdout).unwrap()
+    };
+    let single = with("single.csv", "flow\n1120\n\n\n1160\n\n\n");
+    let double = with("double.csv", "flow,x\n1120,1\n,1\n,1\n1160,1\n");
+    assert_eq!(single, double);
+    assert_eq!(single["samples"], 4);
+}

@@ -47,14 +47,37 @@ impl<'a> Held<'a> {
         Some(Held { plant, gain, covariance: p })
     }
 
+    /// Without a gain: the model alone.
+    pub(super) fn alone(plant: &'a Plant) -> Self {
+        let (n, q) = (plant.nx(), plant.ny());
+        Held { plant, gain: Mat::zeros(n, q), covariance: Mat::zeros(n, n) }
+    }
+
     /// `A - L C`.
-    fn closed(&self) -> Mat<f64> {
+    pub(super) fn closed(&self) -> Mat<f64> {
         let (n, q) = (self.plant.nx(), self.plant.ny());
         let (gain, c) = (&self.gain, &self.plant.C);
         Mat::from_fn(n, n, |i, j| {
             (0..q).fold(self.plant.A[(i, j)], |s, k| f64::mul_add(-gain[(i, k)], c[(k, j)], s))
         })
     }
+}
+
+/// The plant without the outputs that are missing: they see nothing, with a noise
+/// of their own.
+pub(super) fn masked(plant: &Plant, present: &[bool]) -> Plant {
+    let mut plant = plant.clone();
+    for (i, _) in present.iter().enumerate().filter(|(_, present)| !**present) {
+        for j in 0..plant.nx() {
+            plant.C[(i, j)] = 0.0;
+        }
+        for j in 0..present.len() {
+            plant.R[(i, j)] = 0.0;
+            plant.R[(j, i)] = 0.0;
+        }
+        plant.R[(i, i)] = 1.0;
+    }
+    plant
 }
 
 /// Fills the coefficients for steps of length `h`, parts of an interval `dt`.
@@ -64,7 +87,16 @@ impl<'a> Held<'a> {
 ///        = A_d x + B_d u + K (y - C x),   K = int_0^h e^{F s} ds L,  A_d = e^{F h} + K C
 /// ```
 /// The innovation covariance of a sample is `S = C P C' + R / dt`.
-pub(super) fn hold(held: &[Held<'_>], h: f64, dt: f64, c: &mut Coefficients) -> Result<()> {
+///
+/// Outputs that are not `present` were left out of the gains already
+/// ([`masked`]); here they are left out of the norms.
+pub(super) fn hold(
+    held: &[Held<'_>],
+    present: &[bool],
+    h: f64,
+    dt: f64,
+    c: &mut Coefficients,
+) -> Result<()> {
     let Some(first) = held.first() else { return Ok(()) };
     let (n, m, q) = (first.plant.nx(), first.plant.nu(), first.plant.ny());
     let order = n + q + m;
@@ -90,6 +122,7 @@ pub(super) fn hold(held: &[Held<'_>], h: f64, dt: f64, c: &mut Coefficients) -> 
             remedy: "the observers move too far in one step; take a shorter one".into(),
         });
     }
+    let turns = 2.0 * present.iter().filter(|p| **p).count() as f64 * HALF_LN_2_PI;
     for (k, o) in held.iter().enumerate() {
         for i in 0..n {
             for j in 0..q {
@@ -105,22 +138,26 @@ pub(super) fn hold(held: &[Held<'_>], h: f64, dt: f64, c: &mut Coefficients) -> 
             }
         }
         let cpc = &o.plant.C * &o.covariance * o.plant.C.transpose();
-        let s =
-            Mat::from_fn(q, q, |i, j| 0.5 * (cpc[(i, j)] + cpc[(j, i)]) + o.plant.R[(i, j)] / dt);
+        let s = Mat::from_fn(q, q, |i, j| {
+            if i == j && !present[i] {
+                return 1.0;
+            }
+            0.5 * (cpc[(i, j)] + cpc[(j, i)]) + o.plant.R[(i, j)] / dt
+        });
         let (w, ln_det) = whitener("S = C P C' + R / dt", s.as_ref())?;
         let (white, _) = whitener("R", o.plant.R.as_ref())?;
         let mut trace = 0.0;
         for i in 0..q {
             for j in 0..q {
-                c.w.set(k, i, j, w[(i, j)]);
-                c.white.set(k, i, j, white[(i, j)]);
+                let counts = if present[i] { 1.0 } else { 0.0 };
+                c.w.set(k, i, j, counts * w[(i, j)]);
+                c.white.set(k, i, j, counts * white[(i, j)]);
             }
             for j in 0..n {
                 trace += o.plant.C[(i, j)] * o.gain[(j, i)];
             }
         }
         c.bias.set(k, 0, 0, 0.5 * trace);
-        let turns = 2.0 * q as f64 * HALF_LN_2_PI;
         c.log_norm.set(k, 0, 0, -0.5 * (ln_det + turns));
     }
     for panel in

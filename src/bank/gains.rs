@@ -5,11 +5,12 @@ use faer::Mat;
 use super::continuous::{self, Held};
 use super::covariance::{HALF_LN_2_PI, Predict, Update};
 use super::matrices::{Matrices, Sizes, panel, whitener};
-use super::members::Members;
+use super::members::{Members, StartTime};
 use crate::error::{Error, Result};
 use crate::model::{Plant, Time};
 use crate::observer::{self, Observer};
 use crate::simd::{Panel, dispatch};
+use crate::solve::backend;
 
 /// Where the gains come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -72,10 +73,13 @@ pub struct Gains {
     /// follows.
     prior: Panel,
     coefficients: Coefficients,
-    /// True while the gains in `coefficients` are for all outputs.
-    complete: bool,
-    spare: Option<[Panel; 3]>,
-    /// Continuous recursion: the models, the length of a part of a step, and
+    /// The outputs that `coefficients` are for.
+    pattern: Vec<bool>,
+    /// Steady filters: the coefficients for all outputs.
+    full: Option<Box<Coefficients>>,
+    /// Steady innovation covariance of each discrete model, NaN where unknown.
+    steady: Option<Panel>,
+    /// Continuous observers: the models, the length of a part of a step, and
     /// whether the covariance has come to rest.
     plants: Vec<Plant>,
     part: f64,
@@ -156,8 +160,9 @@ impl Gains {
             prior: p.clone(),
             p,
             coefficients,
-            complete: false,
-            spare: None,
+            pattern: vec![true; q],
+            full: None,
+            steady: None,
             plants: Vec::new(),
             part: dt,
             settled: false,
@@ -171,37 +176,40 @@ impl Gains {
                 });
             }
             gains.part = dt / parts as f64;
+            gains.plants = plants.iter().map(|p| (*p).clone()).collect();
+            let all = vec![true; q];
             if mode == GainMode::Recursive {
-                gains.plants = plants.iter().map(|p| (*p).clone()).collect();
-                gains.update(&vec![true; q]);
-                // the first step begins at the start
+                // shows whether the first step can be taken
+                gains.advance(&all);
                 gains.p = gains.prior.clone();
                 gains.settled = false;
             } else {
                 let held: Vec<Held<'_>> =
                     steady.iter().flatten().map(|o| Held::steady(o)).collect();
-                continuous::hold(&held, gains.part, dt, &mut gains.coefficients)?;
+                continuous::hold(&held, &all, gains.part, dt, &mut gains.coefficients)?;
+                gains.full = Some(Box::new(gains.coefficients.clone()));
             }
         } else {
-            for (k, design) in steady.iter().enumerate() {
-                let known = design.and_then(|o| whitener("S", o.S.as_ref()).ok());
-                let turns = 2.0 * q as f64 * HALF_LN_2_PI;
-                let bias = known.as_ref().map_or(f64::NAN, |(_, ln_det)| 0.5 * (ln_det + turns));
-                gains.coefficients.bias.set(k, 0, 0, bias);
-                for (i, j) in (0..q * q).map(|e| (e / q, e % q)) {
-                    let w = known.as_ref().map_or(0.0, |(w, _)| w[(i, j)]);
-                    gains.coefficients.white.set(k, i, j, w);
-                }
-            }
-            gains.coefficients.white.fill_padding();
-            gains.coefficients.bias.fill_padding();
-            gains.update(&vec![true; q]);
+            gains.steady = Some(Panel::from_fn(q, q, models, |k, i, j| {
+                steady[k].map_or(f64::NAN, |o| o.S[(i, j)])
+            }));
+            let all = vec![true; q];
+            gains.steady_norm(&all);
+            gains.filter(&all);
             if mode == GainMode::Steady {
-                gains.complete = true;
-                let c = &gains.coefficients;
-                gains.spare = Some([c.k.clone(), c.w.clone(), c.log_norm.clone()]);
+                gains.full = Some(Box::new(gains.coefficients.clone()));
             } else {
-                gains.p = gains.prior.clone();
+                // a steady covariance is that of the prediction; before the first
+                // step stands that of the filter
+                for (k, &i) in used.iter().enumerate() {
+                    let given = members.initial(i).P.is_some();
+                    if given || members.start == StartTime::FirstMeasurement {
+                        let mut p = vec![0.0; n * n];
+                        gains.prior.read_item(k, &mut p);
+                        gains.p.write_item(k, &p);
+                    }
+                }
+                gains.p.fill_padding();
             }
         }
         Ok((gains, failures))
@@ -216,95 +224,124 @@ impl Gains {
 
     /// Gains and covariances for a measurement of the outputs that are present.
     pub fn update(&mut self, present: &[bool]) {
-        if self.continuous {
-            if self.mode == GainMode::Recursive && !self.settled {
-                self.advance();
-            }
-            return;
-        }
         let all = present.iter().all(|&p| p);
-        let c = &mut self.coefficients;
-        match (self.mode, &mut self.spare) {
-            (GainMode::Steady, Some(full)) => {
-                if all && self.complete {
-                    return;
+        let same = self.pattern == present;
+        match (self.continuous, self.mode) {
+            (_, GainMode::Steady) if same => {}
+            (_, GainMode::Steady) if all => {
+                if let Some(full) = &self.full {
+                    self.coefficients.clone_from(full);
                 }
-                let [k, w, log_norm] = full;
-                if all {
-                    c.k.clone_from(k);
-                    c.w.clone_from(w);
-                    c.log_norm.clone_from(log_norm);
-                } else {
-                    dispatch(Update {
-                        sizes: self.sizes,
-                        matrices: &self.matrices,
-                        present,
-                        p: &self.prior,
-                        next: None,
-                        k: &mut c.k,
-                        w: &mut c.w,
-                        log_norm: &mut c.log_norm,
-                    });
-                }
-                self.complete = all;
             }
-            _ => {
-                self.prior.clone_from(&self.p);
-                dispatch(Update {
-                    sizes: self.sizes,
-                    matrices: &self.matrices,
-                    present,
-                    p: &self.prior,
-                    next: Some(&mut self.p),
-                    k: &mut c.k,
-                    w: &mut c.w,
-                    log_norm: &mut c.log_norm,
-                });
+            (true, GainMode::Steady) => {
+                let p = self.p.clone();
+                self.hold(present, &p);
+            }
+            (true, GainMode::Recursive) => {
+                if !(self.settled && same && all) {
+                    self.advance(present);
+                }
+            }
+            (false, _) => {
+                if !same {
+                    self.steady_norm(present);
+                }
+                self.filter(present);
             }
         }
+        self.pattern.copy_from_slice(present);
+    }
+
+    /// Discrete time: the gain for the covariance of the moment, and with the
+    /// recursion what the measurement leaves of it.
+    fn filter(&mut self, present: &[bool]) {
+        let c = &mut self.coefficients;
+        if self.mode == GainMode::Recursive {
+            self.prior.clone_from(&self.p);
+        }
+        dispatch(Update {
+            sizes: self.sizes,
+            matrices: &self.matrices,
+            present,
+            p: &self.prior,
+            next: (self.full.is_none()).then_some(&mut self.p),
+            k: &mut c.k,
+            w: &mut c.w,
+            log_norm: &mut c.log_norm,
+        });
+    }
+
+    /// Discrete time: the norm of the steady `S`, of the outputs present.
+    fn steady_norm(&mut self, present: &[bool]) {
+        let Some(steady) = &self.steady else { return };
+        let q = self.sizes.q;
+        let turns = 2.0 * present.iter().filter(|p| **p).count() as f64 * HALF_LN_2_PI;
+        for k in 0..steady.len() {
+            let s = Mat::from_fn(q, q, |i, j| match (present[i] && present[j], i == j) {
+                (true, _) => steady.get(k, i, j),
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            });
+            let known = whitener("S", s.as_ref()).ok();
+            let bias = known.as_ref().map_or(f64::NAN, |(_, ln_det)| 0.5 * (ln_det + turns));
+            self.coefficients.bias.set(k, 0, 0, bias);
+            for (i, j) in (0..q * q).map(|e| (e / q, e % q)) {
+                let w = known.as_ref().filter(|_| present[i]).map_or(0.0, |(w, _)| w[(i, j)]);
+                self.coefficients.white.set(k, i, j, w);
+            }
+        }
+        self.coefficients.white.fill_padding();
+        self.coefficients.bias.fill_padding();
+    }
+
+    /// Continuous time: coefficients of a step with the gains that belong to the
+    /// covariances `p` and the outputs present. With none of them the observers
+    /// are models that run alone.
+    fn hold(&mut self, present: &[bool], p: &Panel) {
+        let n = self.sizes.n;
+        let plants: Vec<Plant> =
+            self.plants.iter().map(|plant| continuous::masked(plant, present)).collect();
+        let mut bad = Vec::new();
+        let held: Vec<Held<'_>> = plants
+            .iter()
+            .enumerate()
+            .map(|(k, plant)| {
+                let p = Mat::from_fn(n, n, |i, j| p.get(k, i, j));
+                let finite = (0..n * n).all(|e| p[(e / n, e % n)].is_finite());
+                let held = if finite { Held::at(plant, p) } else { None };
+                held.unwrap_or_else(|| {
+                    bad.push(k);
+                    Held::alone(plant)
+                })
+            })
+            .collect();
+        let c = &mut self.coefficients;
+        let failed = continuous::hold(&held, present, self.part, self.dt, c).is_err();
+        for k in 0..plants.len() {
+            if failed || bad.contains(&k) {
+                // evidence that is no number marks the member
+                c.log_norm.set(k, 0, 0, f64::NAN);
+                c.bias.set(k, 0, 0, f64::NAN);
+            }
+        }
+        c.log_norm.fill_padding();
+        c.bias.fill_padding();
     }
 
     /// Continuous time: the gain of the middle of the step, and `P` at its end.
-    fn advance(&mut self) {
-        let models = self.plants.len();
+    fn advance(&mut self, present: &[bool]) {
         let noise = self.matrices.q.to_row_major();
         let half = 0.5 * self.dt;
+        let plants: Vec<Plant> =
+            self.plants.iter().map(|plant| continuous::masked(plant, present)).collect();
         self.prior.clone_from(&self.p);
-        continuous::flow(&self.plants, &noise, &mut self.p, half);
-        let n = self.sizes.n;
-        let mut bad = Vec::new();
-        let held: Vec<Held<'_>> = (0..models)
-            .map(|k| {
-                let p = Mat::from_fn(n, n, |i, j| self.p.get(k, i, j));
-                let finite = (0..n * n).all(|e| p[(e / n, e % n)].is_finite());
-                let plant = &self.plants[k];
-                let zero = || Held {
-                    plant,
-                    gain: Mat::zeros(n, self.sizes.q),
-                    covariance: Mat::zeros(n, n),
-                };
-                match Held::at(plant, p).filter(|_| finite) {
-                    Some(held) => held,
-                    None => {
-                        bad.push(k);
-                        zero()
-                    }
-                }
-            })
-            .collect();
-        let failed = continuous::hold(&held, self.part, self.dt, &mut self.coefficients).is_err();
-        drop(held);
-        for k in 0..models {
-            if failed || bad.contains(&k) {
-                // evidence that is no number marks the member
-                self.coefficients.log_norm.set(k, 0, 0, f64::NAN);
-                self.coefficients.bias.set(k, 0, 0, f64::NAN);
-            }
-        }
-        self.coefficients.log_norm.fill_padding();
-        self.coefficients.bias.fill_padding();
-        continuous::flow(&self.plants, &noise, &mut self.p, half);
+        let mut middle = self.p.clone();
+        continuous::flow(&plants, &noise, &mut middle, half);
+        self.hold(present, &middle);
+        continuous::flow(&plants, &noise, &mut middle, half);
+        self.p = middle;
         // at rest once a step changes no covariance by more than rounding
+        let n = self.sizes.n;
         let (before, after) = (self.prior.to_row_major(), self.p.to_row_major());
         self.settled = before.chunks(n * n).zip(after.chunks(n * n)).all(|(a, b)| {
             let size = b.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -347,6 +384,18 @@ impl Gains {
     /// All covariances: the recursion goes on from them alone.
     pub(crate) fn covariances(&self) -> &Panel {
         &self.p
+    }
+
+    /// The largest `|eigenvalue of A - L C| dt` of a continuous observer.
+    pub(super) fn pace(&self) -> f64 {
+        let n = self.sizes.n;
+        let poles = self.plants.iter().enumerate().filter_map(|(k, plant)| {
+            let p = Mat::from_fn(n, n, |i, j| self.p.get(k, i, j));
+            let f = Held::at(plant, p)?.closed();
+            let values = backend::eigenvalues(f.as_ref()).ok()?;
+            Some(values.iter().fold(0.0_f64, |m, v| m.max(v.re.hypot(v.im))))
+        });
+        poles.fold(0.0, f64::max) * self.dt
     }
 
     /// Where the gains come from.

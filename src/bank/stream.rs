@@ -130,6 +130,12 @@ impl Bank {
         self.gains.continuous
     }
 
+    /// Continuous observers: the largest `|pole of A - L C| dt` of a steady
+    /// design, a measure of how coarse the samples are; 0 in discrete time.
+    pub fn pace(&self) -> f64 {
+        self.gains.pace()
+    }
+
     /// Why a model cannot be used.
     pub fn failures(&self) -> &[Option<Error>] {
         &self.failures

@@ -5,10 +5,11 @@ use std::io::{self, Write};
 use super::arguments::CheckArguments;
 use super::failure::{Failure, say};
 use super::output;
+use crate::bank::GainMode;
 use crate::eip::{Cost, Study};
 use crate::model::Time;
 use crate::report::{json, plain, significant, summary, text};
-use crate::scenario::{self, Diagnostic, Scenario};
+use crate::scenario::{self, Diagnostic, Estimator, Scenario};
 
 /// Floating-point operations a second and core that the kernels reach on
 /// problems of this size, roughly; for the estimate of the time only.
@@ -23,6 +24,16 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
     }
     let name = args.file.display().to_string();
     let result = checked.and_then(|scenario| {
+        if !scenario.has_study() {
+            let bank = scenario.estimator()?;
+            bank.start().map_err(|e| scenario.explain(e))?;
+            if args.json {
+                let report = Report::of_bank(&name, &bank, scenario.warnings());
+                return Ok(output::print(None, |out| print_json(out, &report)));
+            }
+            let title = scenario.title();
+            return Ok(output::print(None, |out| print_bank(out, &name, title, &bank)));
+        }
         let study = scenario.study()?;
         let cost = study.cost().map_err(|e| scenario.explain(e))?;
         if args.json {
@@ -96,6 +107,35 @@ fn print_text(
     row("work", &format!("{:.1e} operations, {seconds} on one core", cost.flops))
 }
 
+/// A scenario whose bank only runs.
+fn print_bank(
+    out: &mut dyn Write,
+    name: &str,
+    title: Option<&str>,
+    bank: &Estimator,
+) -> io::Result<()> {
+    let mut row = |key: &str, value: &str| {
+        if value.is_empty() { Ok(()) } else { writeln!(out, "  {key:<13} {value}") }
+    };
+    row("scenario", &format!("{name} is valid"))?;
+    row("title", title.unwrap_or(""))?;
+    let names = &bank.names;
+    for (key, list) in
+        [("states", &names.states), ("inputs", &names.inputs), ("outputs", &names.outputs)]
+    {
+        row(key, &list.join(", "))?;
+    }
+    row("observer", bank.members.observer.name())?;
+    let gains = match bank.settings.gains {
+        GainMode::Steady => "steady",
+        GainMode::Recursive => "recursive",
+    };
+    row("gains", gains)?;
+    row("models", &bank.labels.len().to_string())?;
+    row("parameters", &bank.parameters.join(", "))?;
+    row("law", bank.weighting.law.name())
+}
+
 /// `1.2 MB`.
 fn bytes(n: u128) -> String {
     let n = n as f64;
@@ -114,6 +154,8 @@ struct Report<'a> {
     valid: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     size: Option<Size>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bank: Option<BankSize>,
     warnings: Vec<Place<'a>>,
     errors: Vec<Place<'a>>,
 }
@@ -129,6 +171,15 @@ struct Size {
     flops: f64,
     bytes: u64,
     memory_limit: u64,
+}
+
+#[derive(serde::Serialize)]
+struct BankSize {
+    models: usize,
+    order: usize,
+    inputs: usize,
+    outputs: usize,
+    law: &'static str,
 }
 
 #[derive(serde::Serialize)]
@@ -172,7 +223,28 @@ impl<'a> Report<'a> {
             file,
             valid: true,
             size: Some(size),
+            bank: None,
             warnings,
+            errors: vec![],
+        }
+    }
+
+    fn of_bank(file: &'a str, bank: &Estimator, warnings: &'a [Diagnostic]) -> Self {
+        let names = &bank.names;
+        let size = BankSize {
+            models: bank.labels.len(),
+            order: names.states.len(),
+            inputs: names.inputs.len(),
+            outputs: names.outputs.len(),
+            law: bank.weighting.law.name(),
+        };
+        Self {
+            schema: "mmae.check/1",
+            file,
+            valid: true,
+            size: None,
+            bank: Some(size),
+            warnings: warnings.iter().map(Place::new).collect(),
             errors: vec![],
         }
     }
@@ -183,7 +255,15 @@ impl<'a> Report<'a> {
             let message = error.to_string();
             errors.push(Place { line: None, column: None, key: "", message, remedy: "" });
         }
-        Self { schema: "mmae.check/1", file, valid: false, size: None, warnings: vec![], errors }
+        Self {
+            schema: "mmae.check/1",
+            file,
+            valid: false,
+            size: None,
+            bank: None,
+            warnings: vec![],
+            errors,
+        }
     }
 }
 

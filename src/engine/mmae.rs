@@ -100,12 +100,7 @@ impl Mmae {
         for (failed, cause) in e.failed.iter_mut().zip(self.bank.failures()) {
             *failed = cause.is_some();
         }
-        for (l, &failed) in self.weights.log_p_mut().iter_mut().zip(&e.failed) {
-            if failed {
-                *l = f64::NEG_INFINITY;
-            }
-        }
-        self.weights.renormalise();
+        self.weights.leave_out(&e.failed);
         self.fuse();
     }
 
@@ -116,7 +111,8 @@ impl Mmae {
     /// is where the estimate then stands.
     ///
     /// # Errors
-    /// As [`Bank::update`]; the engine is then as before.
+    /// As [`Bank::update`]; the engine is then as before. `AllFailed` once every
+    /// member has failed: no estimate is left.
     pub fn step(&mut self, u: &[f64], y: &[f64]) -> Result<&Estimate> {
         self.bank.check(u, y)?;
         if self.bank.moves() {
@@ -124,6 +120,8 @@ impl Mmae {
                 self.moments.interact(&mut self.bank, pi, &self.estimate.p);
             }
             self.weights.predict();
+            // those that failed take no part in what comes and goes
+            self.weights.leave_out(&self.estimate.failed);
         }
         self.bank.predict(u);
         let step = self.bank.update(u, y)?;
@@ -131,7 +129,15 @@ impl Mmae {
         self.estimate.nis.copy_from_slice(&step.nis);
         self.estimate.r.copy_from_slice(&step.r);
         self.weigh(seen);
+        self.weights.leave_out(&self.estimate.failed);
         self.fuse();
+        if self.estimate.failed.iter().all(|f| *f) {
+            return Err(Error::AllFailed {
+                what: "models",
+                count: self.estimate.failed.len(),
+                source: Box::new(Error::NonFinite { what: "x_hat".into(), row: 0, col: 0 }),
+            });
+        }
         if let Mixing::Reseed { threshold } = self.mixing {
             let (p, failed) = (&self.estimate.p, &self.estimate.failed);
             self.moments.reseed(&mut self.bank, p, |i| p[i] < threshold && !failed[i]);

@@ -270,7 +270,7 @@ fn undecidable(out: &mut String, sets: &EipSets) {
         line(
             out,
             &format!(
-                "Undecidable sets: none; the winner at every {name} is the same for all delays."
+                "Undecidable sets: none; the winner at every {name} is the same for all delays that have one."
             ),
         );
         return;

@@ -81,7 +81,8 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
             .map(|value| bank::read(reader, value, &family, shaped, filter_states, weighted)),
     };
     let size = bank.as_ref().and_then(|b| b.as_ref()).map(|(b, _)| b.models.len());
-    let weighting = table.get("weighting").map(|value| {
+    // without models the checks of their number would only repeat what was said
+    let weighting = table.get("weighting").filter(|_| size.is_some()).map(|value| {
         let (models, outputs) = (size.unwrap_or(0), family.names.outputs.len());
         weighting::read(reader, value, models, outputs, family.time.is_continuous())
     });

@@ -30,7 +30,7 @@ pub(super) fn is_explicit(bank: &Value<'_>) -> bool {
     };
     let matrices = |m: &Value<'_>| match m.get_ref() {
         DeValue::Table(map) => {
-            ["A", "T"].iter().any(|k| map.get(*k).is_some_and(|v| v.get_ref().is_array()))
+            [["A", "C"], ["T", "Z"]].iter().any(|keys| keys.iter().all(|k| map.get(*k).is_some()))
         }
         _ => false,
     };

@@ -196,6 +196,11 @@ impl Scenario {
         }])
     }
 
+    /// True if the file describes a study of plants, with `[eip]`.
+    pub fn has_study(&self) -> bool {
+        self.settings.is_some()
+    }
+
     /// An error of the engine together with the key that is responsible, for
     /// errors of the study that this scenario describes.
     pub fn explain(&self, error: crate::Error) -> Error {

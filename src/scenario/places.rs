@@ -34,6 +34,8 @@ impl Places {
         // the nearest key above one that was left out
         let mut at = match key.as_str() {
             "eip.delays" if !self.keys.contains_key("eip.delays") => "actuator.delay",
+            "eip" if self.keys.contains_key("weighting") => "weighting",
+            "eip" if !self.keys.contains_key("eip") => "bank",
             key => key,
         };
         while place.is_none() && !at.is_empty() {
@@ -95,6 +97,11 @@ fn path(what: &str) -> String {
         "A" | "B" | "G" | "C" | "Q" | "R" => format!("plant.{what}"),
         "grid" => "eip.grid".into(),
         "actuator delay" => "eip.delays".into(),
+        "W" => "weighting.innovation".into(),
+        "Pi" => "weighting.Pi".into(),
+        "prior" => "bank.prior".into(),
+        "P(0)" => "bank.P0".into(),
+        "x_hat(0)" => "bank.x0".into(),
         _ => match what.strip_prefix("grid of ") {
             Some(name) => format!("eip.grid.{name}"),
             None => what.into(),

@@ -62,7 +62,15 @@ pub(super) fn read(
             reader.choice("bank.gains", value, &choices)
         }
     };
+    if let (Some(GainMode::Steady), Some(_)) = (gains, table.get("P0")) {
+        let remedy = "remove it, or write gains = \"recursive\"";
+        return table.error("P0", "steady gains do not begin anywhere", remedy);
+    }
     let time = match table.get("start") {
+        Some(_) if continuous => {
+            let message = "continuous observers begin where the first interval does";
+            return table.error("start", message, "remove it");
+        }
         None => Some(StartTime::StepBefore),
         Some(value) => {
             let choices = [

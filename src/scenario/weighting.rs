@@ -26,6 +26,7 @@ pub(super) fn read<'a>(
     };
     let table = Table::new(reader, "weighting", value.span().start, map, keys::WEIGHTING);
     let law = law(&table, continuous);
+    without_effect(&table, law);
     let innovation = innovation(&table, outputs);
     let modifiers = modifiers(&table, models);
     let mixing = mixing(&table, models);
@@ -104,6 +105,25 @@ fn law(table: &Table<'_, '_>, continuous: bool) -> Option<Law> {
     match law.check() {
         Ok(()) => good.then_some(law),
         Err(e) => table.reader.engine(table.at("law"), "weighting", e),
+    }
+}
+
+/// Refuses keys that the law does not look at.
+fn without_effect(table: &Table<'_, '_>, law: Option<Law>) {
+    let Some(law) = law else { return };
+    let likelihoods = matches!(law, Law::Bayes | Law::Dwsg { .. });
+    let zhang = matches!(law, Law::Zhang { .. });
+    let named = table.get("innovation").is_some_and(|v| v.get_ref().as_str().is_some());
+    for (key, fits) in [
+        ("window", zhang),
+        ("clip", likelihoods || law == Law::Likelihood),
+        // a matrix is also the norm of Zhang's residuals
+        ("innovation", likelihoods || zhang && !named),
+    ] {
+        if !fits && table.get(key).is_some() {
+            let message = format!("law {} does not look at it", law.name());
+            table.error::<()>(key, message, "remove it, or choose another law");
+        }
     }
 }
 

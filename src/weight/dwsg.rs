@@ -26,8 +26,9 @@ pub(super) fn step<T: Real>(
 /// `p <- (1 - mu) p + mu Bayes(p)`.
 ///
 /// ```text
-/// ln p_i += ln(1 - mu + mu l_i / lbar),   lbar = sum p_j l_j
+/// ln p_i <- ln((1 - mu) p_i + mu p_i l_i / lbar),   lbar = sum p_j l_j
 /// ```
+/// as a sum of two logarithms, so that a model far behind is not lost.
 #[inline(always)]
 fn mixture<T: Real>(mu: f64, log_lik: &[T], log_p: &mut [T], work: &mut [T]) -> T::Mask {
     let n = log_p.len();
@@ -36,10 +37,16 @@ fn mixture<T: Real>(mu: f64, log_lik: &[T], log_p: &mut [T], work: &mut [T]) -> 
     }
     let mean = log_sum_exp(&work[..n]);
     let good = mean.is_finite();
-    for i in 0..log_p.len() {
-        let ratio = exp(log_lik[i] - mean);
-        let change = ln(ratio.mul_add(T::splat(mu), T::splat(1.0 - mu)));
-        log_p[i] = T::select(good, log_p[i] + change, log_p[i]);
+    let worst = T::splat(f64::NEG_INFINITY);
+    let (stay, go) = (T::splat(libm::log(1.0 - mu)), T::splat(libm::log(mu)));
+    for i in 0..n {
+        let (old, new) = (stay + log_p[i], go + (work[i] - mean));
+        let top = old.max(new);
+        let some = top.gt(worst);
+        let shift = T::select(some, top, T::zero());
+        let sum = shift + ln(exp(old - shift) + exp(new - shift));
+        let moved = T::select(some, sum, worst);
+        log_p[i] = T::select(good, moved, log_p[i]);
     }
     normalise(log_p) & good
 }

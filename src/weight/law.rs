@@ -81,8 +81,9 @@ pub enum Window {
 /// Changes to any law.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modifiers {
-    /// Smallest weight of a model whose prior is not zero, below `1/N`; 0 for
-    /// none. Applied after each step.
+    /// Weights below this, zeros excepted, are raised to it after each step, at
+    /// most `1/N`; 0 for none. All are then divided by their sum, so that the
+    /// smallest is a little below.
     pub floor: f64,
     /// Factor on `ln p` before each step, in (0, 1]: old evidence fades.
     pub forgetting: f64,
@@ -123,7 +124,7 @@ impl Law {
     pub fn check(self) -> Result<()> {
         match self {
             Law::Zhang { n_max } if n_max.is_nan() || n_max < 1.0 => {
-                Err(range("n_max", n_max, "give 1 (Algorithm 1) or more, infinity for no limit"))
+                Err(range("n_max", n_max, "give 1 (Algorithm 1) or more"))
             }
             Law::Ode { substeps: 0 } => Err(range("substeps", 0.0, "give at least 1")),
             Law::Dwsg { lambda, .. } if !(lambda > 0.0 && lambda.is_finite()) => {
@@ -158,11 +159,7 @@ impl Modifiers {
             ));
         }
         if self.clip.is_nan() || self.clip <= 0.0 {
-            return Err(range(
-                "clip",
-                self.clip,
-                "give a positive number of nats, infinity for no limit",
-            ));
+            return Err(range("clip", self.clip, "give a positive number of nats"));
         }
         match self.window {
             Window::Sliding(0) => Err(range("window", 0.0, "give at least one step")),

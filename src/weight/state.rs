@@ -134,6 +134,20 @@ impl<T: Real> Weights<T> {
         &mut self.log_p
     }
 
+    /// Takes the weight of the models marked by `out` for good; where nothing is
+    /// left nothing sums to one.
+    pub fn leave_out(&mut self, out: &[bool]) {
+        if !out.contains(&true) {
+            return;
+        }
+        for (l, &out) in self.log_p.iter_mut().zip(out) {
+            if out {
+                *l = T::splat(f64::NEG_INFINITY);
+            }
+        }
+        self.renormalise();
+    }
+
     /// Makes the weights sum to one again after [`Weights::log_p_mut`]; lanes
     /// without any stay as they are.
     pub fn renormalise(&mut self) {
@@ -200,7 +214,7 @@ impl<T: Real> Weights<T> {
                 let (lik, _) = self.work.split_at_mut(n);
                 let log_lik =
                     if self.law == Law::Bayes { evidence.log_lik } else { evidence.increment };
-                clipped(log_lik, 1.0, self.modifiers.clip, lik);
+                clipped(log_lik, &self.log_p, 1.0, self.modifiers.clip, lik);
                 for i in 0..n {
                     self.log_p[i] = self.log_p[i] + lik[i];
                 }
@@ -208,7 +222,7 @@ impl<T: Real> Weights<T> {
             }
             Law::Dwsg { lambda, tempering, scheme } => {
                 let (lik, work) = self.work.split_at_mut(n);
-                clipped(evidence.log_lik, tempering, self.modifiers.clip, lik);
+                clipped(evidence.log_lik, &self.log_p, tempering, self.modifiers.clip, lik);
                 if scheme == DwsgScheme::Trapezoid {
                     for i in 0..n {
                         let now = lik[i];
@@ -229,15 +243,20 @@ impl<T: Real> Weights<T> {
 }
 
 /// Log-likelihoods times `factor`, relative to the best and no lower than
-/// `-clip`; minus infinity in place of NaN.
+/// `-clip`; minus infinity in place of NaN and for models without weight, which
+/// are no measure for the others.
 #[inline(always)]
-fn clipped<T: Real>(log_lik: &[T], factor: f64, clip: f64, out: &mut [T]) {
+fn clipped<T: Real>(log_lik: &[T], log_p: &[T], factor: f64, clip: f64, out: &mut [T]) {
     let worst = T::splat(f64::NEG_INFINITY);
-    let top = largest(log_lik);
+    for i in 0..log_lik.len() {
+        let counts = log_p[i].gt(worst) & log_lik[i].eq(log_lik[i]);
+        out[i] = T::select(counts, log_lik[i], worst);
+    }
+    let top = largest(&out[..log_lik.len()]);
     let shift = T::select(top.is_finite(), top, T::zero());
     for i in 0..log_lik.len() {
-        let relative = (log_lik[i] - shift) * T::splat(factor);
-        let known = relative.eq(relative) & top.is_finite();
-        out[i] = T::select(known, relative.max(T::splat(-clip)), worst);
+        let counts = log_p[i].gt(worst) & log_lik[i].eq(log_lik[i]) & top.is_finite();
+        let relative = (out[i] - shift) * T::splat(factor);
+        out[i] = T::select(counts, relative.max(T::splat(-clip)), worst);
     }
 }

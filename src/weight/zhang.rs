@@ -69,15 +69,19 @@ impl<T: Real> Energies<T> {
     pub(super) fn step(&mut self, energy: &[T], n_max: f64, log_p: &mut [T]) -> T::Mask {
         self.add(energy);
         let mut least = T::splat(f64::INFINITY);
-        for &sum in &self.sums {
-            least = sum.min(least);
+        for i in 0..log_p.len() {
+            // a model without weight is no measure for the others
+            let alive = log_p[i].gt(T::splat(f64::NEG_INFINITY));
+            least = T::select(alive, self.sums[i].min(least), least);
         }
         for i in 0..log_p.len() {
             let excess = self.sums[i] - least;
             let whole = T::splat(self.count) + self.sums[i];
             let behind = excess.gt(T::zero());
             let excess_or_one = T::select(behind, excess, T::one());
-            let exponent = ceil(whole / excess_or_one).min(T::splat(n_max));
+            // near a tie the quotient overflows, and the product is -1
+            let ratio = (whole / excess_or_one).min(T::splat(f64::MAX));
+            let exponent = ceil(ratio).min(T::splat(n_max));
             let change = exponent * ln_1p(-(excess_or_one / whole));
             let change = T::select(behind, change, T::zero());
             let known = self.sums[i].is_finite();

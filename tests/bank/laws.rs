@@ -117,3 +117,50 @@ fn priors_are_checked() {
     let tiny = Weights::<f64>::new(Law::Bayes, Modifiers::default(), None, &[1e-320, 2e-320]);
     assert!((p(&tiny.unwrap())[1] - 2.0 / 3.0).abs() < 1e-3);
 }
+
+/// A model without weight is no measure for the others.
+#[test]
+fn zero_priors_do_not_matter_to_the_rest() {
+    let laws = [
+        Law::Bayes,
+        Law::Zhang { n_max: 1.0 },
+        Law::Dwsg { lambda: 0.5, tempering: 1.0, scheme: DwsgScheme::Left },
+        Law::Dwsg { lambda: 0.5, tempering: 1.0, scheme: DwsgScheme::Mixture },
+    ];
+    for law in laws {
+        let modifiers = Modifiers { clip: 1.0, ..Modifiers::default() };
+        let mut with = Weights::<f64>::new(law, modifiers.clone(), None, &[0.0, 1.0, 1.0]).unwrap();
+        let mut without = Weights::<f64>::new(law, modifiers, None, &[1.0, 1.0]).unwrap();
+        for k in 0..30 {
+            let l = [-(k as f64), -900.0 - k as f64, -902.0];
+            let e = [0.1, 3.0, 2.0 + 0.1 * k as f64];
+            let of = |from: usize| Evidence {
+                log_lik: &l[from..],
+                increment: &l[from..],
+                energy: &e[from..],
+                dt: 1.0,
+                nodes: None,
+            };
+            assert!(with.step(&of(0)) && without.step(&of(1)));
+        }
+        assert_eq!(p(&with)[1..], p(&without)[..], "{law:?}");
+    }
+}
+
+#[test]
+fn the_mixture_with_mu_one_is_bayes_however_far() {
+    let scheme = DwsgScheme::Mixture;
+    let mut far = dwsg(scheme, 1.0, &[0.5, 0.5]);
+    let mut bayes: Weights<f64> =
+        Weights::new(Law::Bayes, Modifiers::default(), None, &[0.5, 0.5]).unwrap();
+    for _ in 0..10 {
+        far.step(&evidence(&[0.0, -1e5], 1.0));
+        bayes.step(&evidence(&[0.0, -1e5], 1.0));
+    }
+    close("mu = 1", far.log_p(), bayes.log_p(), 1e-14, 1e-12);
+    // and the way back
+    for _ in 0..10 {
+        far.step(&evidence(&[-1e5, 0.0], 1.0));
+    }
+    assert!((p(&far)[0] - 0.5).abs() < 1e-9);
+}

@@ -1,10 +1,10 @@
 //! What must hold of any bank.
 
-use mmae::bank::{GainMode, Initial, Members, Settings};
-use mmae::engine::{Estimate, Mmae, Weighting};
+use mmae::bank::{GainMode, Initial, Members, Settings, StartTime};
+use mmae::engine::{Estimate, Innovation, Mixing, Mmae, Weighting};
 use mmae::model::{Plant, Time};
 use mmae::observer::ObserverKind;
-use mmae::weight::{DwsgScheme, Law};
+use mmae::weight::{DwsgScheme, Law, Transition};
 use mmae::{Mat, mat};
 
 fn model(a: f64) -> Plant {
@@ -206,4 +206,112 @@ fn bad_signals_are_refused_and_change_nothing() {
     let mut twin = engine(&members(4), GainMode::Recursive, Law::Bayes);
     twin.step(&[0.1], &[0.3, 0.2]).unwrap();
     assert_eq!(mmae.step(&[0.2], &[0.1, 0.0]).unwrap(), twin.step(&[0.2], &[0.1, 0.0]).unwrap());
+}
+
+/// Scalar models `x' = -a x + w`, `y = x + v`, or of two independent states.
+fn rate(a: f64) -> Plant {
+    Plant {
+        time: Time::Continuous,
+        A: mat![[-1.0, 0.0], [0.0, -a]],
+        B: mat![[1.0], [1.0]],
+        G: Mat::identity(2, 2),
+        C: Mat::identity(2, 2),
+        Q: mat![[1.0, 0.0], [0.0, 1.0]],
+        R: mat![[0.1, 0.0], [0.0, 0.1]],
+    }
+}
+
+#[test]
+fn continuous_observers_without_a_sample_are_the_models_alone() {
+    for gains in [GainMode::Steady, GainMode::Recursive] {
+        let mut members = Members::new(ObserverKind::KalmanBucy, vec![rate(2.0), rate(3.0)]);
+        members.initial[0].x_hat = vec![1.0, 1.0];
+        let settings = Settings { dt: Some(0.1), gains, ..Settings::default() };
+        for law in [Law::Likelihood, Law::Bayes, Law::Ode { substeps: 2 }] {
+            let weighting = Weighting { law, ..Weighting::default() };
+            let mut mmae = Mmae::new(&members, &settings, &weighting, &[1.0; 2]).unwrap();
+            for _ in 0..10 {
+                mmae.step(&[0.0], &[f64::NAN, f64::NAN]).unwrap();
+            }
+            let mut x = [0.0; 2];
+            mmae.bank().x_hat_into(1, &mut x);
+            assert!((x[0] - (-1.0_f64).exp()).abs() < 1e-14, "{x:?}");
+            assert!((x[1] - (-3.0_f64).exp()).abs() < 1e-14, "{x:?}");
+            assert_eq!(mmae.estimate().p, [0.5, 0.5]);
+            // models that differ in an output that is never seen stay level
+            for k in 0..50 {
+                mmae.step(&[1.0], &[(0.3 * f64::from(k)).sin(), f64::NAN]).unwrap();
+            }
+            assert!((mmae.estimate().p[0] - 0.5).abs() < 1e-12, "{:?}", mmae.estimate().p);
+        }
+    }
+}
+
+#[test]
+fn steady_innovations_leave_out_what_is_missing() {
+    let other = |q: f64| Plant { Q: mat![[0.3, 0.0], [0.0, q]], ..model(0.5) };
+    let plain = |q: f64| Plant {
+        A: mat![[0.5, 0.0], [0.0, 0.8]],
+        C: Mat::identity(2, 2),
+        R: mat![[0.5, 0.0], [0.0, 0.4]],
+        ..other(q)
+    };
+    let members = Members::new(ObserverKind::Kalman, vec![plain(0.2), plain(2.0)]);
+    let settings = Settings::default();
+    for innovation in [Innovation::Filter, Innovation::Steady] {
+        let weighting = Weighting { innovation, ..Weighting::default() };
+        let mut mmae = Mmae::new(&members, &settings, &weighting, &[1.0; 2]).unwrap();
+        for (u, y) in record(30) {
+            mmae.step(&u, &[y[0], f64::NAN]).unwrap();
+        }
+        assert!((mmae.estimate().p[0] - 0.5).abs() < 1e-12, "{:?}", mmae.estimate().p);
+    }
+}
+
+#[test]
+fn a_recursion_without_a_start_is_the_steady_filter() {
+    for start in [StartTime::StepBefore, StartTime::FirstMeasurement] {
+        let mut members = members(3);
+        members.initial[0].P = None;
+        members.start = start;
+        let mut a = engine(&members, GainMode::Recursive, Law::Bayes);
+        let mut b = engine(&members, GainMode::Steady, Law::Bayes);
+        for (u, y) in record(20) {
+            a.step(&u, &y).unwrap();
+            b.step(&u, &y).unwrap();
+        }
+        for (x, y) in a.estimate().log_lik_models.iter().zip(&b.estimate().log_lik_models) {
+            assert!((x - y).abs() < 1e-11 * y.abs(), "{start:?}: {x} {y}");
+        }
+    }
+}
+
+#[test]
+fn members_that_failed_never_come_back() {
+    let mut bad = members(3);
+    bad.plants[1].A[(0, 0)] = f64::NAN;
+    let pi = Transition::sticky(3, 0.8).unwrap();
+    let settings = Settings { gains: GainMode::Recursive, ..Settings::default() };
+    for mixing in [Mixing::Markov(pi.clone()), Mixing::Imm(pi), Mixing::Reseed { threshold: 0.2 }] {
+        let weighting = Weighting { mixing, ..Weighting::default() };
+        let mut mmae = Mmae::new(&bad, &settings, &weighting, &[1.0; 3]).unwrap();
+        for (k, (u, y)) in record(12).iter().enumerate() {
+            let y = if k % 3 == 2 { [f64::NAN; 2] } else { *y };
+            let e = mmae.step(u, &y).unwrap();
+            assert_eq!(e.p[1], 0.0);
+            assert!((e.p.iter().sum::<f64>() - 1.0).abs() < 1e-13);
+        }
+    }
+}
+
+#[test]
+fn a_bank_that_ran_away_has_no_estimate() {
+    let mut gone = members(2);
+    for plant in &mut gone.plants {
+        plant.A = mat![[1e200, 0.0], [0.0, 1e200]];
+        plant.Q = mat![[0.0, 0.0], [0.0, 0.0]];
+    }
+    let mut mmae = engine(&gone, GainMode::Recursive, Law::Bayes);
+    let last = (0..6).map(|_| mmae.step(&[0.1], &[f64::NAN; 2]).map(|_| ())).last().unwrap();
+    assert!(matches!(last, Err(mmae::Error::AllFailed { .. })), "{last:?}");
 }

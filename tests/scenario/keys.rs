@@ -96,8 +96,10 @@ fn the_templates_parse() -> Outcome {
 
 #[test]
 fn every_optional_line_of_the_blank_scenario_is_valid() -> Outcome {
-    // the lines that are commented out, switched on; dt belongs to discrete time
-    let prose = |key: &str| key.contains([' ', '\'']) || ["dt", "u"].contains(&key);
+    // the lines that are commented out, switched on, but for those that belong to
+    // discrete time, another law or another number of states
+    let others = ["dt", "u", "x0", "P0", "start", "n_max", "lambda", "window", "innovation"];
+    let prose = |key: &str| key.contains([' ', '\'']) || others.contains(&key);
     let text: String = template(Template::Blank)
         .lines()
         .map(|line| match line.strip_prefix("# ") {

@@ -1,5 +1,6 @@
 //! A recorded measurement stream: CSV with a header.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use crate::model::Names;
@@ -8,7 +9,7 @@ use crate::scenario::{Diagnostic, Error, source};
 /// Largest file that is read, in bytes.
 const LIMIT: u64 = 1 << 30;
 /// Names of a column of times.
-const TIMES: [&str; 3] = ["t", "time", "k"];
+const TIMES: [&str; 2] = ["t", "time"];
 
 /// Samples in their order.
 pub(super) struct Record {
@@ -54,7 +55,8 @@ pub(super) fn read(path: &Path, names: &Names) -> Result<Record, Error> {
     let file = path.display().to_string();
     let place = Place { file: &file };
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(bytes);
+    let text = single_column(bytes);
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(&text[..]);
     let header = match reader.headers() {
         Ok(header) => header.clone(),
         Err(e) => return place.error((1, 1), "", e.to_string(), "give a header of names"),
@@ -134,4 +136,21 @@ pub(super) fn read(path: &Path, names: &Names) -> Result<Record, Error> {
 
 fn clip(text: &str) -> String {
     text.chars().take(30).collect()
+}
+
+/// In a file of one column an empty line is a sample that is missing: readers of
+/// CSV skip it, so it is put in quotes. Empty lines at the end stay what they are.
+fn single_column(bytes: &[u8]) -> Cow<'_, [u8]> {
+    let header = bytes.split(|b| *b == b'\n').next().unwrap_or(&[]);
+    if header.iter().any(|b| matches!(b, b',' | b'"')) {
+        return Cow::Borrowed(bytes);
+    }
+    let end = bytes.iter().rposition(|b| !b.is_ascii_whitespace()).map_or(0, |k| k + 1);
+    let mut out = Vec::with_capacity(bytes.len());
+    for line in bytes[..end].split(|b| *b == b'\n') {
+        let blank = line.iter().all(u8::is_ascii_whitespace);
+        out.extend_from_slice(if blank { b"\"\"" } else { line });
+        out.push(b'\n');
+    }
+    Cow::Owned(out)
 }

@@ -31,6 +31,17 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     }
     let record = data::read(&args.data, &estimator.names)?;
     let mut mmae = estimator.start().map_err(|e| scenario.explain(e))?;
+    let pace = mmae.bank().pace();
+    if pace > COARSE {
+        say(
+            "warning",
+            &format!(
+                "the fastest observer turns by {} within a sample: the weights of a continuous \
+                 record want a shorter dt; or sample the plant and run Kalman filters",
+                significant(pace, 3)
+            ),
+        );
+    }
     for (i, failure) in mmae.bank().failures().iter().enumerate() {
         if let Some(failure) = failure {
             let label = &estimator.labels[i];
@@ -60,6 +71,9 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
         say("note", &format!("wrote {} to {}", FILES.join(", "), dir.display()));
         rows = kept;
     }
+    if !estimate.explained {
+        say("warning", "no model could explain the last measurement, which left the weights alone");
+    }
     for (i, failed) in estimate.failed.iter().enumerate() {
         if *failed && mmae.bank().failures()[i].is_none() {
             say("warning", &format!("model {} ({}) ran away", i + 1, estimator.labels[i]));
@@ -73,6 +87,10 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
         }
     })
 }
+
+/// Product of the fastest observer pole and the sampling interval from which on
+/// the likelihood of a continuous record is no longer that of its samples.
+const COARSE: f64 = 0.3;
 
 const FILES: [&str; 3] = ["estimate.json", "weights.svg", MANIFEST];
 
@@ -138,15 +156,21 @@ fn filter(
     let [_, m, q] = mmae.bank().sizes();
     let dt = mmae.bank().dt();
     let missing = vec![f64::NAN; q];
+    let nothing = vec![0.0; m];
+    let continuous = mmae.bank().is_continuous();
     let mut rows = Vec::new();
     for k in 0..record.len {
         if signals.raised() {
             return Err(Failure::Cancelled);
         }
-        let u = &record.u[k * m..][..m];
+        let held = &record.u[k * m..][..m];
+        // a row's input acts from its time on: in discrete time up to the next
+        // measurement, in continuous time along the interval that begins there
+        let before = if k > 0 { &record.u[(k - 1) * m..][..m] } else { &nothing[..] };
+        let u = if continuous { held } else { before };
         // a gap in the times is so many measurements that are missing
         for _ in 1..steps(args, record, k, dt)? {
-            mmae.step(u, &missing).map_err(|e| Failure::Numerical(vec![e.to_string()]))?;
+            mmae.step(before, &missing).map_err(|e| Failure::Numerical(vec![e.to_string()]))?;
         }
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);

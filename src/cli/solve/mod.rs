@@ -121,7 +121,8 @@ fn print_text(out: &mut dyn Write, answers: &[Answer]) -> io::Result<()> {
     out.write_all(layout::grid(&head, rows).as_bytes())?;
     for a in answers {
         if let (Some(code), Some(message)) = (a.code, &a.message) {
-            writeln!(out, "{}: {code}: {message}", a.id)?;
+            let id: String = a.id.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
+            writeln!(out, "{id}: {code}: {message}")?;
         }
     }
     Ok(())

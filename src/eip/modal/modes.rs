@@ -1,0 +1,65 @@
+//! Eigenvalues and eigenvectors of a plant or a model, scaled and judged.
+
+use faer::{Mat, MatRef};
+
+use crate::error::Result;
+use crate::solve::backend;
+
+/// Largest condition number of an eigenvalue that is accepted; those of plant
+/// and model multiply.
+const CONDITION: f64 = 3e3;
+
+/// Eigenvalues with scaled eigenvectors: `left[j]` is row `j` of `V^-1`.
+pub(super) struct Modes {
+    pub(super) values: Vec<(f64, f64)>,
+    pub(super) right: Vec<Vec<(f64, f64)>>,
+    pub(super) left: Vec<Vec<(f64, f64)>>,
+}
+
+impl Modes {
+    /// Diagonalises `a`; `None` where the eigenvectors are ill-conditioned.
+    pub(super) fn new(a: MatRef<'_, f64>) -> Result<Option<Self>> {
+        let n = a.nrows();
+        let eigen = backend::eigen(a)?;
+        let mut modes = Self { values: Vec::new(), right: Vec::new(), left: Vec::new() };
+        let mut j = 0;
+        while j < n {
+            let value = eigen.values[j];
+            let pair = value.im != 0.0;
+            let column = |m: &Mat<f64>| -> Vec<(f64, f64)> {
+                (0..n).map(|i| (m[(i, j)], if pair { m[(i, j + 1)] } else { 0.0 })).collect()
+            };
+            let (x, y) = (column(&eigen.right), column(&eigen.left));
+            // y^H x
+            let (mut re, mut im) = (0.0, 0.0);
+            let (mut size_x, mut size_y) = (0.0, 0.0);
+            for (&(xr, xi), &(yr, yi)) in x.iter().zip(&y) {
+                re += yr * xr + yi * xi;
+                im += yr * xi - yi * xr;
+                size_x += xr * xr + xi * xi;
+                size_y += yr * yr + yi * yi;
+            }
+            let modulus = re * re + im * im;
+            let well_conditioned = modulus * CONDITION * CONDITION > size_x * size_y;
+            if !well_conditioned {
+                return Ok(None); // also for NaN
+            }
+            let left = y
+                .iter()
+                .map(|&(yr, yi)| ((yr * re - yi * im) / modulus, (-yi * re - yr * im) / modulus))
+                .collect();
+            modes.values.push((value.re, value.im));
+            modes.right.push(x);
+            modes.left.push(left);
+            j += if pair { 2 } else { 1 };
+        }
+        Ok(Some(modes))
+    }
+}
+
+/// `sum_i row_i m_i,col`, a complex row times a real matrix.
+pub(super) fn row_times(row: &[(f64, f64)], m: MatRef<'_, f64>, col: usize) -> (f64, f64) {
+    row.iter()
+        .enumerate()
+        .fold((0.0, 0.0), |(re, im), (i, &(r, s))| (re + r * m[(i, col)], im + s * m[(i, col)]))
+}

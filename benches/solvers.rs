@@ -1,4 +1,5 @@
-//! Batched solvers: problems per second in a full batch and one at a time.
+//! Batched solvers: problems per second in a full batch, with and without error
+//! bounds, and one at a time.
 //!
 //! `cargo bench --bench solvers` measures, `-- --test` runs every case once. Each
 //! case is solved and checked before it is timed: every item solved, its closed
@@ -9,8 +10,8 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use mmae::par::RunControl;
 use mmae::solve::{
-    Lyapunov, Riccati, Solutions, Sylvester, care_with, dare_with, lyapunov_continuous_with,
-    lyapunov_discrete_with, sylvester_continuous_with,
+    Checks, Lyapunov, Riccati, Solutions, Sylvester, care_with, dare_with,
+    lyapunov_continuous_with, lyapunov_discrete_with, sylvester_continuous_with,
 };
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -53,7 +54,7 @@ impl Case {
     }
 
     /// Solves the first `len` items.
-    fn solve(&self, len: usize, control: &RunControl<'_>) -> Solutions {
+    fn solve(&self, len: usize, checks: Checks, control: &RunControl<'_>) -> Solutions {
         let (n, m) = (self.n, self.b.len() / self.len / self.n);
         let (a, b) = (&self.a[..len * n * n], &self.b[..len * n * m]);
         let q = &self.q[..len * n * n];
@@ -61,18 +62,18 @@ impl Case {
         let lyapunov = Lyapunov { n, len, A: a, Q: q };
         let sylvester = Sylvester { n, m, len, A: a, B: b, C: q };
         match self.kind {
-            "care" => care_with(&riccati, control),
-            "dare" => dare_with(&riccati, control),
-            "clyap" => lyapunov_continuous_with(&lyapunov, control),
-            "dlyap" => lyapunov_discrete_with(&lyapunov, control),
-            _ => sylvester_continuous_with(&sylvester, control),
+            "care" => care_with(&riccati, checks, control),
+            "dare" => dare_with(&riccati, checks, control),
+            "clyap" => lyapunov_continuous_with(&lyapunov, checks, control),
+            "dlyap" => lyapunov_discrete_with(&lyapunov, checks, control),
+            _ => sylvester_continuous_with(&sylvester, checks, control),
         }
         .expect("the arrays have the right lengths")
     }
 
     /// Panics unless every item is solved, stable and exact.
     fn check(&self) {
-        let solutions = self.solve(self.len, &RunControl::default());
+        let solutions = self.solve(self.len, Checks::All, &RunControl::default());
         for (k, item) in solutions.items.iter().enumerate() {
             assert!(item.status.is_ok() && item.margin > 0.0, "{} item {k}: {item:?}", self.kind);
             let x = solutions.item(k).expect("solved");
@@ -140,12 +141,14 @@ fn solvers(c: &mut Criterion) {
             let case = Case::new(kind, n, 512);
             case.check();
             group.throughput(Throughput::Elements(case.len as u64));
-            group.bench_function(BenchmarkId::new("batch", n), |b| {
-                b.iter(|| black_box(case.solve(black_box(case.len), &control)));
-            });
+            for (name, checks) in [("batch", Checks::All), ("stability", Checks::Stability)] {
+                group.bench_function(BenchmarkId::new(name, n), |b| {
+                    b.iter(|| black_box(case.solve(black_box(case.len), checks, &control)));
+                });
+            }
             group.throughput(Throughput::Elements(1));
             group.bench_function(BenchmarkId::new("one", n), |b| {
-                b.iter(|| black_box(case.solve(black_box(1), &control)));
+                b.iter(|| black_box(case.solve(black_box(1), Checks::All, &control)));
             });
         }
         group.finish();

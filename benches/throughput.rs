@@ -14,7 +14,7 @@ use mmae::eip::{Study, Verify};
 use mmae::model::{Grid, systems};
 use mmae::observer::{ModelSet, ObserverKind};
 use mmae::par::RunControl;
-use mmae::solve::{self, Lyapunov, Riccati, Solutions};
+use mmae::solve::{self, Checks, Lyapunov, Riccati, Solutions};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -56,6 +56,7 @@ enum Equation {
 /// A batch of one equation: `A`, `B`, `Q` in C order (`R = I`).
 struct Batch {
     equation: Equation,
+    checks: Checks,
     n: usize,
     m: usize,
     len: usize,
@@ -66,7 +67,7 @@ struct Batch {
 }
 
 impl Batch {
-    fn new(equation: Equation, n: usize, len: usize) -> Batch {
+    fn new(equation: Equation, checks: Checks, n: usize, len: usize) -> Batch {
         let riccati = matches!(equation, Equation::Care | Equation::Dare);
         let m = if riccati { n / 2 } else { 0 };
         let seed = n as u64 + 100 * equation as u64;
@@ -94,7 +95,7 @@ impl Batch {
             }
         }
         let r = (0..m * m).map(|k| if k % (m + 1) == 0 { 1.0 } else { 0.0 });
-        Batch { equation, n, m, len, a, b, q, r: r.collect() }
+        Batch { equation, checks, n, m, len, a, b, q, r: r.collect() }
     }
 
     fn solve(&self, control: &RunControl<'_>) -> mmae::Result<Solutions> {
@@ -103,10 +104,14 @@ impl Batch {
             Riccati { n, m, len, A: &self.a, B: &self.b, Q: &self.q, R: &self.r, S: None };
         let lyapunov = Lyapunov { n, len, A: &self.a, Q: &self.q };
         match self.equation {
-            Equation::Care => solve::care_with(&riccati, control),
-            Equation::Dare => solve::dare_with(&riccati, control),
-            Equation::LyapunovContinuous => solve::lyapunov_continuous_with(&lyapunov, control),
-            Equation::LyapunovDiscrete => solve::lyapunov_discrete_with(&lyapunov, control),
+            Equation::Care => solve::care_with(&riccati, self.checks, control),
+            Equation::Dare => solve::dare_with(&riccati, self.checks, control),
+            Equation::LyapunovContinuous => {
+                solve::lyapunov_continuous_with(&lyapunov, self.checks, control)
+            }
+            Equation::LyapunovDiscrete => {
+                solve::lyapunov_discrete_with(&lyapunov, self.checks, control)
+            }
         }
     }
 
@@ -179,15 +184,18 @@ fn cases(test: bool) -> Vec<(String, Run)> {
         ("dlyap", Equation::LyapunovDiscrete),
     ];
     let mut out: Vec<(String, Run)> = Vec::new();
-    for (name, equation) in kinds {
-        for n in [4, 8, 12] {
-            let len = if test { CHECKED } else { 16_384 / n };
-            // Made on first use: a run of one case does not wait for the others.
-            let batch = std::cell::OnceCell::new();
-            let run = move |control: &RunControl<'_>| {
-                batch.get_or_init(|| Batch::new(equation, n, len)).pass(control)
-            };
-            out.push((format!("{name}_n{n}"), Box::new(run)));
+    // `_nobound`: verified and corrected, but without error bounds.
+    for (suffix, checks) in [("", Checks::All), ("_nobound", Checks::Stability)] {
+        for (name, equation) in kinds {
+            for n in [4, 8, 12] {
+                let len = if test { CHECKED } else { 16_384 / n };
+                // Made on first use: a run of one case does not wait for the others.
+                let batch = std::cell::OnceCell::new();
+                let run = move |control: &RunControl<'_>| {
+                    batch.get_or_init(|| Batch::new(equation, checks, n, len)).pass(control)
+                };
+                out.push((format!("{name}_n{n}{suffix}"), Box::new(run)));
+            }
         }
     }
     out.push(("eip_pendulum".into(), Box::new(eip_pendulum)));

@@ -7,7 +7,9 @@ use crate::model::{Names, Plant};
 use crate::observer::ObserverKind;
 use crate::par::RunControl;
 use crate::small::{Dyn, cholesky, cholesky_solve, solve as lu};
-use crate::solve::{ItemReport, Region, Riccati, Solutions, care_with, dare_with, unseen_mode};
+use crate::solve::{
+    Checks, ItemReport, Region, Riccati, Solutions, care_with, dare_with, unseen_mode,
+};
 
 /// A steady-state observer for one design model.
 #[derive(Debug, Clone, PartialEq)]
@@ -171,7 +173,11 @@ fn solve(
     let model = &models[group[0]];
     let (n, m, len) = (model.nx(), model.ny(), group.len());
     let problem = Riccati { n, m, len, A: &a, B: &b, Q: &q, R: &r, S: None };
-    if kind.is_continuous() { care_with(&problem, control) } else { dare_with(&problem, control) }
+    if kind.is_continuous() {
+        care_with(&problem, Checks::All, control)
+    } else {
+        dare_with(&problem, Checks::All, control)
+    }
 }
 
 /// The observer of item `item`, or why there is none.

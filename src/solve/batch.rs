@@ -122,8 +122,12 @@ outlined! {
                 *item = field.item(k);
             }
         }
+        let mut lanes = [0.0; LANES];
         for (e, x) in out.iter_mut().enumerate() {
-            *x = T::from_fn(|lane| items[lane][e]);
+            for lane in 0..T::LANES {
+                lanes[lane] = items[lane][e];
+            }
+            *x = T::load(&lanes);
         }
         if field.symmetric() {
             for i in 0..rows {

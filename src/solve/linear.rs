@@ -10,6 +10,7 @@ use crate::solve::backend::eigenvalues;
 use crate::solve::batch::{
     self, Equation, Substitute, gather, half_unit, lanes_of, launch, minus_unit, scatter, zero,
 };
+use crate::solve::checks::Checks;
 use crate::solve::kronecker;
 use crate::solve::lanes::{Kind, Linear};
 use crate::solve::problem::{Field, Lyapunov, Sylvester};
@@ -225,21 +226,32 @@ pub(super) fn run(
     kind: Kind,
     fields: Vec<Field<'_>>,
     [n, m, len]: [usize; 3],
-    tier: Option<Tier>,
+    (checks, tier): (Checks, Option<Tier>),
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    let batch = Batch { kind, n, m, fields: fields.clone(), bounds: true, tier };
+    let bounds = checks == Checks::All;
+    let batch = Batch { kind, n, m, fields: fields.clone(), bounds, tier };
     let larger = n.max(m);
     let flops = larger.saturating_pow(3).saturating_mul(100);
     batch::run(&batch, &fields, [n, m], len, flops, control)
 }
 
-fn run_lyapunov(kind: Kind, p: &Lyapunov<'_>, control: &RunControl<'_>) -> Result<Solutions> {
-    run(kind, p.fields()?, [p.n, p.n, p.len], None, control)
+fn run_lyapunov(
+    kind: Kind,
+    p: &Lyapunov<'_>,
+    checks: Checks,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run(kind, p.fields()?, [p.n, p.n, p.len], (checks, None), control)
 }
 
-fn run_sylvester(kind: Kind, p: &Sylvester<'_>, control: &RunControl<'_>) -> Result<Solutions> {
-    run(kind, p.fields()?, [p.n, p.m, p.len], None, control)
+fn run_sylvester(
+    kind: Kind,
+    p: &Sylvester<'_>,
+    checks: Checks,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run(kind, p.fields()?, [p.n, p.m, p.len], (checks, None), control)
 }
 
 fn one_lyapunov(kind: Kind, a: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result<Solution> {
@@ -248,7 +260,7 @@ fn one_lyapunov(kind: Kind, a: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result<So
     batch::check_shape("Q", q, [n, n])?;
     let (a, q) = (batch::rows_of(a), batch::rows_of(q));
     let problem = Lyapunov { n, len: 1, A: &a, Q: &q };
-    run_lyapunov(kind, &problem, &RunControl::default().threads(1))?.into_one()
+    run_lyapunov(kind, &problem, Checks::All, &RunControl::default().threads(1))?.into_one()
 }
 
 fn one_sylvester(
@@ -263,7 +275,7 @@ fn one_sylvester(
     batch::check_shape("C", c, [n, m])?;
     let (a, b, c) = (batch::rows_of(a), batch::rows_of(b), batch::rows_of(c));
     let problem = Sylvester { n, m, len: 1, A: &a, B: &b, C: &c };
-    run_sylvester(kind, &problem, &RunControl::default().threads(1))?.into_one()
+    run_sylvester(kind, &problem, Checks::All, &RunControl::default().threads(1))?.into_one()
 }
 
 /// Solutions of a batch of continuous-time Lyapunov equations.
@@ -304,18 +316,20 @@ fn one_sylvester(
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn lyapunov_continuous(problem: &Lyapunov<'_>) -> Result<Solutions> {
-    run_lyapunov(Kind::Continuous, problem, &RunControl::default())
+    run_lyapunov(Kind::Continuous, problem, Checks::All, &RunControl::default())
 }
 
-/// As [`lyapunov_continuous`], with threads, progress and cancelling.
+/// As [`lyapunov_continuous`], with a choice of [`Checks`], threads, progress and
+/// cancelling.
 ///
 /// # Errors
 /// As [`lyapunov_continuous`], and `Cancelled`.
 pub fn lyapunov_continuous_with(
     problem: &Lyapunov<'_>,
+    checks: Checks,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    run_lyapunov(Kind::Continuous, problem, control)
+    run_lyapunov(Kind::Continuous, problem, checks, control)
 }
 
 /// Solution of one continuous-time Lyapunov equation, see
@@ -364,18 +378,20 @@ pub fn lyapunov_continuous_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn lyapunov_discrete(problem: &Lyapunov<'_>) -> Result<Solutions> {
-    run_lyapunov(Kind::Discrete, problem, &RunControl::default())
+    run_lyapunov(Kind::Discrete, problem, Checks::All, &RunControl::default())
 }
 
-/// As [`lyapunov_discrete`], with threads, progress and cancelling.
+/// As [`lyapunov_discrete`], with a choice of [`Checks`], threads, progress and
+/// cancelling.
 ///
 /// # Errors
 /// As [`lyapunov_discrete`], and `Cancelled`.
 pub fn lyapunov_discrete_with(
     problem: &Lyapunov<'_>,
+    checks: Checks,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    run_lyapunov(Kind::Discrete, problem, control)
+    run_lyapunov(Kind::Discrete, problem, checks, control)
 }
 
 /// Solution of one discrete-time Lyapunov equation, see [`lyapunov_discrete`].
@@ -424,18 +440,20 @@ pub fn lyapunov_discrete_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result<S
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn sylvester_continuous(problem: &Sylvester<'_>) -> Result<Solutions> {
-    run_sylvester(Kind::Continuous, problem, &RunControl::default())
+    run_sylvester(Kind::Continuous, problem, Checks::All, &RunControl::default())
 }
 
-/// As [`sylvester_continuous`], with threads, progress and cancelling.
+/// As [`sylvester_continuous`], with a choice of [`Checks`], threads, progress and
+/// cancelling.
 ///
 /// # Errors
 /// As [`sylvester_continuous`], and `Cancelled`.
 pub fn sylvester_continuous_with(
     problem: &Sylvester<'_>,
+    checks: Checks,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    run_sylvester(Kind::Continuous, problem, control)
+    run_sylvester(Kind::Continuous, problem, checks, control)
 }
 
 /// Solution of one continuous-time Sylvester equation, see
@@ -488,18 +506,20 @@ pub fn sylvester_continuous_one(
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn sylvester_discrete(problem: &Sylvester<'_>) -> Result<Solutions> {
-    run_sylvester(Kind::Discrete, problem, &RunControl::default())
+    run_sylvester(Kind::Discrete, problem, Checks::All, &RunControl::default())
 }
 
-/// As [`sylvester_discrete`], with threads, progress and cancelling.
+/// As [`sylvester_discrete`], with a choice of [`Checks`], threads, progress and
+/// cancelling.
 ///
 /// # Errors
 /// As [`sylvester_discrete`], and `Cancelled`.
 pub fn sylvester_discrete_with(
     problem: &Sylvester<'_>,
+    checks: Checks,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
-    run_sylvester(Kind::Discrete, problem, control)
+    run_sylvester(Kind::Discrete, problem, checks, control)
 }
 
 /// Solution of one discrete-time Sylvester equation, see [`sylvester_discrete`].

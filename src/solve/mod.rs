@@ -2,6 +2,7 @@
 
 pub mod backend;
 mod batch;
+mod checks;
 mod explain;
 mod fallback;
 mod kronecker;
@@ -14,6 +15,7 @@ mod report;
 mod riccati;
 mod riccati_ode;
 
+pub use checks::Checks;
 pub use linear::{
     lyapunov_continuous, lyapunov_continuous_one, lyapunov_continuous_with, lyapunov_discrete,
     lyapunov_discrete_one, lyapunov_discrete_with, sylvester_continuous, sylvester_continuous_one,

@@ -9,6 +9,7 @@ use crate::simd::{Kernel, Tier, dispatch_twice};
 use crate::solve::batch::{
     self, Equation, gather, lanes_of, launch, minus_unit, scatter, unit, zero,
 };
+use crate::solve::checks::Checks;
 use crate::solve::explain::explain;
 use crate::solve::fallback::sign_start;
 use crate::solve::lanes::{Block, Coefficients, Data, Kind};
@@ -200,12 +201,14 @@ impl Equation for Batch<'_> {
 pub(super) fn run(
     kind: Kind,
     problem: &Riccati<'_>,
+    checks: Checks,
     tier: Option<Tier>,
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
+    let bounds = checks == Checks::All;
     let fields = problem.fields()?;
     let (n, m) = (problem.n, problem.m);
-    let batch = Batch { kind, n, m, fields: fields.clone(), bounds: true, tier };
+    let batch = Batch { kind, n, m, fields: fields.clone(), bounds, tier };
     let cubed = n.saturating_pow(3).saturating_add(n.saturating_mul(n).saturating_mul(m));
     batch::run(&batch, &fields, [n, n], problem.len, cubed.saturating_mul(250), control)
 }
@@ -232,7 +235,7 @@ fn run_one(
     let (a, b, q, r, s) = (rows(A), rows(B), rows(Q), rows(R), S.map(rows));
     let problem = Riccati { n, m, len: 1, A: &a, B: &b, Q: &q, R: &r, S: s.as_deref() };
     let control = RunControl::default().threads(1);
-    run(kind, &problem, None, &control)?.into_one()
+    run(kind, &problem, Checks::All, None, &control)?.into_one()
 }
 
 /// Stabilizing solutions of a batch of continuous-time algebraic Riccati
@@ -268,15 +271,19 @@ fn run_one(
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn care(problem: &Riccati<'_>) -> Result<Solutions> {
-    run(Kind::Continuous, problem, None, &RunControl::default())
+    run(Kind::Continuous, problem, Checks::All, None, &RunControl::default())
 }
 
-/// As [`care`], with threads, progress and cancelling.
+/// As [`care`], with a choice of [`Checks`], threads, progress and cancelling.
 ///
 /// # Errors
 /// As [`care`], and `Cancelled`.
-pub fn care_with(problem: &Riccati<'_>, control: &RunControl<'_>) -> Result<Solutions> {
-    run(Kind::Continuous, problem, None, control)
+pub fn care_with(
+    problem: &Riccati<'_>,
+    checks: Checks,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run(Kind::Continuous, problem, checks, None, control)
 }
 
 /// Stabilizing solution of one continuous-time algebraic Riccati equation.
@@ -343,15 +350,19 @@ pub fn care_one(
 /// # Ok::<(), mmae::Error>(())
 /// ```
 pub fn dare(problem: &Riccati<'_>) -> Result<Solutions> {
-    run(Kind::Discrete, problem, None, &RunControl::default())
+    run(Kind::Discrete, problem, Checks::All, None, &RunControl::default())
 }
 
-/// As [`dare`], with threads, progress and cancelling.
+/// As [`dare`], with a choice of [`Checks`], threads, progress and cancelling.
 ///
 /// # Errors
 /// As [`dare`], and `Cancelled`.
-pub fn dare_with(problem: &Riccati<'_>, control: &RunControl<'_>) -> Result<Solutions> {
-    run(Kind::Discrete, problem, None, control)
+pub fn dare_with(
+    problem: &Riccati<'_>,
+    checks: Checks,
+    control: &RunControl<'_>,
+) -> Result<Solutions> {
+    run(Kind::Discrete, problem, checks, None, control)
 }
 
 /// Stabilizing solution of one discrete-time algebraic Riccati equation.

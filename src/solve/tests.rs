@@ -1,7 +1,7 @@
 //! Every tier against the oracle, by bits.
 
 use super::lanes::Kind;
-use super::{Lyapunov, Riccati, Solutions, Sylvester, linear, riccati};
+use super::{Checks, Lyapunov, Riccati, Solutions, Sylvester, linear, riccati};
 use crate::par::RunControl;
 use crate::simd::Tier;
 
@@ -75,7 +75,7 @@ fn tiers_agree_with_the_oracle_by_bits() {
         for kind in [Kind::Continuous, Kind::Discrete] {
             let what = format!("{kind:?} Riccati n={n} m={m}");
             let all = same_on_all_tiers(&what, |tier| {
-                riccati::run(kind, &p, Some(tier), &control).unwrap()
+                riccati::run(kind, &p, Checks::All, Some(tier), &control).unwrap()
             });
             assert!(all.items.iter().filter(|item| item.status.is_ok()).count() >= 9, "{all:?}");
         }
@@ -91,7 +91,7 @@ fn tiers_agree_with_the_oracle_by_bits() {
             let p = Lyapunov { n, len, A: a, Q: &q };
             same_on_all_tiers(&what, |tier| {
                 let fields = p.fields().unwrap();
-                linear::run(kind, fields, [n, n, len], Some(tier), &control).unwrap()
+                linear::run(kind, fields, [n, n, len], (Checks::All, Some(tier)), &control).unwrap()
             });
             let b: Vec<f64> = match kind {
                 Kind::Discrete => other.clone(),
@@ -104,7 +104,7 @@ fn tiers_agree_with_the_oracle_by_bits() {
             let p = Sylvester { n, m, len, A: a, B: &b, C: &c };
             let all = same_on_all_tiers(&what, |tier| {
                 let fields = p.fields().unwrap();
-                linear::run(kind, fields, [n, m, len], Some(tier), &control).unwrap()
+                linear::run(kind, fields, [n, m, len], (Checks::All, Some(tier)), &control).unwrap()
             });
             assert!(all.items.iter().all(|item| item.status.is_ok()), "{all:?}");
         }

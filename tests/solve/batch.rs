@@ -3,8 +3,9 @@
 use super::common::assert_bits;
 use mmae::par::RunControl;
 use mmae::solve::{
-    Lyapunov, Riccati, Solutions, Sylvester, care_with, dare_with, lyapunov_continuous_with,
-    lyapunov_discrete_with, sylvester_continuous_with, sylvester_discrete_with,
+    Checks, Lyapunov, Riccati, Solutions, Sylvester, care_with, dare_with,
+    lyapunov_continuous_with, lyapunov_discrete_with, sylvester_continuous_with,
+    sylvester_discrete_with,
 };
 use mmae::{Error, Result};
 use rand::rngs::StdRng;
@@ -62,6 +63,17 @@ impl Family {
     }
 
     fn solve(&self, kind: usize, from: usize, to: usize, threads: usize) -> Result<Solutions> {
+        self.solve_for(Checks::All, kind, from, to, threads)
+    }
+
+    fn solve_for(
+        &self,
+        checks: Checks,
+        kind: usize,
+        from: usize,
+        to: usize,
+        threads: usize,
+    ) -> Result<Solutions> {
         let (n, m, len) = (self.n, self.m, to - from);
         let control = RunControl::default().threads(threads);
         let part = |x: &[f64], size: usize| x[from * size..to * size].to_vec();
@@ -72,12 +84,12 @@ impl Family {
         let lyapunov = Lyapunov { n, len, A: &a, Q: &q };
         let sylvester = Sylvester { n, m, len, A: &a, B: &square, C: &c };
         match kind {
-            0 => care_with(&riccati, &control),
-            1 => dare_with(&riccati, &control),
-            2 => lyapunov_continuous_with(&lyapunov, &control),
-            3 => lyapunov_discrete_with(&lyapunov, &control),
-            4 => sylvester_continuous_with(&sylvester, &control),
-            _ => sylvester_discrete_with(&sylvester, &control),
+            0 => care_with(&riccati, checks, &control),
+            1 => dare_with(&riccati, checks, &control),
+            2 => lyapunov_continuous_with(&lyapunov, checks, &control),
+            3 => lyapunov_discrete_with(&lyapunov, checks, &control),
+            4 => sylvester_continuous_with(&sylvester, checks, &control),
+            _ => sylvester_discrete_with(&sylvester, checks, &control),
         }
     }
 }
@@ -99,6 +111,24 @@ fn every_length_gives_the_bits_of_single_problems() {
                     assert_bits(&what, all.item(k).unwrap(), &alone[k].x);
                     assert_eq!(all.items[k], alone[k].items[0], "{what}");
                 }
+            }
+        }
+    }
+}
+
+#[test]
+fn without_bounds_solutions_are_as_good_and_as_stable() {
+    let family = Family::new(5, 2, 17);
+    for kind in 0..KINDS {
+        let with = family.solve(kind, 0, 17, 1).unwrap();
+        let without = family.solve_for(Checks::Stability, kind, 0, 17, 1).unwrap();
+        for (k, (item, full)) in without.items.iter().zip(&with.items).enumerate() {
+            assert!(item.status.is_ok() && item.margin == full.margin, "{item:?} {full:?}");
+            assert_eq!((item.error_bound, item.condition), (None, None));
+            let bound = full.error_bound.unwrap() + f64::EPSILON;
+            let size = with.item(k).unwrap().iter().map(|x| x * x).sum::<f64>().sqrt();
+            for (x, y) in without.item(k).unwrap().iter().zip(with.item(k).unwrap()) {
+                assert!((x - y).abs() <= bound * size, "kind {kind} item {k}: {x} {y}");
             }
         }
     }

@@ -4,7 +4,7 @@ use super::file::{Case, Kind, Rows};
 use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::solve::{
-    Lyapunov, Riccati, Solutions, care_with, dare_with, lyapunov_continuous_with,
+    Checks, Lyapunov, Riccati, Solutions, care_with, dare_with, lyapunov_continuous_with,
     lyapunov_discrete_with,
 };
 
@@ -96,15 +96,15 @@ pub(super) fn solve(problems: &[&Flat], control: &RunControl<'_>) -> Result<Solu
     if !first.kind.is_riccati() {
         let problem = Lyapunov { n, len, A: &a, Q: &q };
         return match first.kind {
-            Kind::Clyap => lyapunov_continuous_with(&problem, control),
-            _ => lyapunov_discrete_with(&problem, control),
+            Kind::Clyap => lyapunov_continuous_with(&problem, Checks::All, control),
+            _ => lyapunov_discrete_with(&problem, Checks::All, control),
         };
     }
     let (b, r) = (join(|p| &p.B), join(|p| &p.R));
     let s = first.S.as_ref().map(|_| join(|p| p.S.as_deref().unwrap_or(&[])));
     let problem = Riccati { n, m, len, A: &a, B: &b, Q: &q, R: &r, S: s.as_deref() };
     match first.kind {
-        Kind::Care => care_with(&problem, control),
-        _ => dare_with(&problem, control),
+        Kind::Care => care_with(&problem, Checks::All, control),
+        _ => dare_with(&problem, Checks::All, control),
     }
 }

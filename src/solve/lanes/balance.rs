@@ -101,19 +101,23 @@ outlined! {
 fn exponent<T: Real>(n: usize, i: usize, [a, g, q]: [&[T]; 3]) -> T {
     let (mut column, mut row) = (T::zero(), T::zero());
     if g.is_empty() {
-        for j in (0..i).chain(i + 1..n) {
-            column = column + a[j * n + i];
-            row = row + a[i * n + j];
+        for j in 0..n {
+            if j != i {
+                column = column + a[j * n + i];
+                row = row + a[i * n + j];
+            }
         }
         let e = (log2(row), log2(column));
         let e = T::select(e.0.1 & e.1.1, (e.0.0 - e.1.0) * T::splat(0.5), T::zero());
         return e.round_ties_even().min(T::splat(500.0)).max(T::splat(-500.0));
     }
-    for j in (0..i).chain(i + 1..n) {
-        column = column + a[j * n + i];
-        row = row + a[i * n + j];
-        column = column + q[j * n + i];
-        row = row + g[j * n + i];
+    for j in 0..n {
+        if j != i {
+            column = column + a[j * n + i];
+            row = row + a[i * n + j];
+            column = column + q[j * n + i];
+            row = row + g[j * n + i];
+        }
     }
     let (zero, far) = (T::zero(), T::splat(4000.0));
     let columns = [log2(column), log2(q[i * n + i])];
@@ -146,13 +150,12 @@ outlined! {
         if !any.any() {
             return;
         }
-        let of = |side: f64, at: usize| if side == 0.0 { T::zero() } else { k[at] * T::splat(side) };
         let near = near.all();
         for i in 0..rows {
-            let row = of(row, i);
+            let row = side_of(k, row, i);
             for j in 0..cols {
                 let x = &mut x[i * cols + j];
-                let e = row + of(col, j);
+                let e = row + side_of(k, col, j);
                 // The same bits: there the second factor is one.
                 *x = if near {
                     *x * T::pow2i(e)
@@ -163,4 +166,10 @@ outlined! {
             }
         }
     }
+}
+
+/// The exponent of one side, zero where that is not scaled.
+#[inline(always)]
+fn side_of<T: Real>(k: &[T], side: f64, at: usize) -> T {
+    if side == 0.0 { T::zero() } else { k[at] * T::splat(side) }
 }

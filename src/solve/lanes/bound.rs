@@ -96,13 +96,10 @@ outlined! {
         let cols = right.len();
         let (l, r) = (T::splat(sides[0]), T::splat(sides[1]));
         let (mut sum_part, mut sum_whole) = (T::zero(), T::zero());
-        // Columns outside: their factors are made once, those of the rows are few.
-        let reach = T::splat(1000.0);
-        let power = |e: T| T::pow2i(e.min(reach).max(-reach));
         for j in 0..cols {
-            let column = power((right[j] - origin[1]) * r);
+            let column = power_within((right[j] - origin[1]) * r);
             for i in 0..left.len() {
-                let row = power((left[i] - origin[0]) * l);
+                let row = power_within((left[i] - origin[0]) * l);
                 let (u, v) = (part[i * cols + j] * row * column, whole[i * cols + j] * row * column);
                 sum_part = u.mul_add(u, sum_part);
                 sum_whole = v.mul_add(v, sum_whole);
@@ -111,4 +108,11 @@ outlined! {
         let share = (sum_part / sum_whole).sqrt();
         T::select(share.is_finite() & share.ge(T::zero()), share, T::zero())
     }
+}
+
+/// `2^e`, `e` brought within the range of normal numbers.
+#[inline(always)]
+fn power_within<T: Real>(e: T) -> T {
+    let reach = T::splat(1000.0);
+    T::pow2i(e.min(reach).max(-reach))
 }

@@ -31,6 +31,8 @@ pub(crate) struct Data<T> {
     pub(crate) s: Vec<T>,
     /// Exponents of the states: `X = 2^cost D^-1 X_s D^-1`.
     pub(super) scale: Vec<T>,
+    /// Exponents of the inputs.
+    inputs: Vec<T>,
     pub(super) cost: T,
     /// Exponent of the time unit, `A = 2^time A_s`.
     pub(super) time: T,
@@ -50,6 +52,7 @@ impl<T: Real> Data<T> {
             r: zeros(m * m),
             s: zeros(n * m),
             scale: zeros(n),
+            inputs: zeros(m),
             cost: T::zero(),
             time: T::zero(),
         }
@@ -109,16 +112,15 @@ outlined! {
     pub(super) fn scale_units(d: &'a mut Data<T>) {
         let (n, m) = (d.n, d.m);
         let half = T::splat(0.5);
-        let inputs: Vec<T> = (0..m)
-            .map(|j| {
-                let r = d.r[j * m + j];
-                let e = (r.split().1 * half).round_ties_even();
-                T::select(r.abs().gt(T::zero()), -e, T::zero())
-            })
-            .collect();
-        apply(&inputs, [1.0, 1.0], &mut d.r, [m, m]);
-        apply(&inputs, [0.0, 1.0], &mut d.b, [n, m]);
-        apply(&inputs, [0.0, 1.0], &mut d.s, [n, m]);
+        let inputs = &mut d.inputs;
+        for j in 0..m {
+            let r = d.r[j * m + j];
+            let e = (r.split().1 * half).round_ties_even();
+            inputs[j] = T::select(r.abs().gt(T::zero()), -e, T::zero());
+        }
+        apply(inputs, [1.0, 1.0], &mut d.r, [m, m]);
+        apply(inputs, [0.0, 1.0], &mut d.b, [n, m]);
+        apply(inputs, [0.0, 1.0], &mut d.s, [n, m]);
         let half_cost = (exponent_of(&d.q) * half).round_ties_even();
         let states = ((exponent_of(&d.b) + half_cost) * half).round_ties_even();
         shift(&mut d.q, states + states - half_cost - half_cost);

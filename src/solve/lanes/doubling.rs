@@ -43,6 +43,7 @@ pub(crate) struct Doubling<T: Real> {
     next_g: Vec<T>,
     next_h: Vec<T>,
     w: Vec<T>,
+    /// `W^-1 E`, then `W^-1 G`.
     v: Vec<T>,
     u: Vec<T>,
     perm: Vec<T>,
@@ -65,7 +66,7 @@ impl<T: Real> Doubling<T> {
             next_g: square(),
             next_h: square(),
             w: square(),
-            v: vec![T::zero(); 2 * n * n],
+            v: square(),
             u: square(),
             perm: vec![T::zero(); 2 * n],
             big: [Vec::new(), Vec::new()],
@@ -97,9 +98,13 @@ impl<T: Real> Doubling<T> {
             if !active.any() {
                 return;
             }
-            let (change, size, regular) = step(self);
+            let (change, size, regular) = step_h(self);
             let sound = regular & change.is_finite() & size.is_finite();
             let settled = sound & change.le(size * T::splat(SETTLED));
+            // A lane that settled or failed has no use for the rest of the step.
+            if (active & sound & !settled).any() {
+                step_rest(self);
+            }
             self.keep(active & sound);
             self.steps = T::select(active, self.steps + T::one(), self.steps);
             self.settled = self.settled | (active & settled);
@@ -127,46 +132,47 @@ impl<T: Real> Doubling<T> {
 }
 
 outlined! {
-    /// One step into `u` (next `E`), `next_g`, `next_h`; returns `|H+ - H|`,
-    /// `|H+|` and the lanes in which `W` was regular.
-    fn step(d: &'a mut Doubling<T>) -> (T, T, T::Mask) {
+    /// The first half of a step, into `next_h`; returns `|H+ - H|`, `|H+|` and the
+    /// lanes in which `W` was regular. Leaves the factors of `W` in `w`, `W^-1 E`
+    /// in `v`.
+    fn step_h(d: &'a mut Doubling<T>) -> (T, T, T::Mask) {
         let size = d.n;
         let n = Dyn(size);
         let (w, v, u) = (&mut d.w, &mut d.v, &mut d.u);
-        // W = I + G H, V = W^-1 [E G]
         w.fill(T::zero());
         for i in 0..size {
             w[i * size + i] = T::one();
         }
         mul_add(n, n, n, &d.g, &d.h, w);
-        for i in 0..size {
-            let row = &mut v[2 * i * size..][..2 * size];
-            row[..size].copy_from_slice(&d.e[i * size..][..size]);
-            row[size..].copy_from_slice(&d.g[i * size..][..size]);
-        }
+        v.copy_from_slice(&d.e);
         let regular = lu_factor(n, w, &mut d.perm[..size]).ok;
-        lu_solve(n, Dyn(2 * size), w, &d.perm[..size], v);
-        // G+ = G + (E V2) E'
-        for i in 0..size {
-            w[i * size..][..size].copy_from_slice(&v[(2 * i + 1) * size..][..size]);
-        }
-        mul(n, n, n, &d.e, w, u);
-        d.next_g.copy_from_slice(&d.g);
-        sym_mul_add_nt(n, n, u, &d.e, &mut d.next_g);
-        // H+ = H + E' (H V1)
-        for i in 0..size {
-            w[i * size..][..size].copy_from_slice(&v[2 * i * size..][..size]);
-        }
-        mul(n, n, n, &d.h, w, u);
+        lu_solve(n, n, w, &d.perm[..size], v);
+        // H+ = H + E' (H V)
+        mul(n, n, n, &d.h, v, u);
         d.next_h.fill(T::zero());
         sym_mul_add_tn(n, n, &d.e, u, &mut d.next_h);
         let change = norm(&d.next_h);
         for (x, &h) in d.next_h.iter_mut().zip(&d.h) {
             *x = *x + h;
         }
-        // E+ = E V1
-        mul(n, n, n, &d.e, w, u);
         (change, norm(&d.next_h), regular)
+    }
+}
+
+outlined! {
+    /// The second half of a step, into `u` (next `E`) and `next_g`.
+    fn step_rest(d: &'a mut Doubling<T>) {
+        let n = Dyn(d.n);
+        // E+ = E W^-1 E, into `next_g` for the time being
+        mul(n, n, n, &d.e, &d.v, &mut d.next_g);
+        d.v.copy_from_slice(&d.g);
+        lu_solve(n, n, &d.w, &d.perm[..d.n], &mut d.v);
+        // G+ = G + (E V) E'
+        mul(n, n, n, &d.e, &d.v, &mut d.u);
+        d.v.copy_from_slice(&d.g);
+        sym_mul_add_nt(n, n, &d.u, &d.e, &mut d.v);
+        std::mem::swap(&mut d.u, &mut d.next_g);
+        std::mem::swap(&mut d.next_g, &mut d.v);
     }
 }
 
@@ -224,9 +230,8 @@ outlined! {
             for j in 0..n {
                 let one = if i == j { T::one() } else { T::zero() };
                 d.e[i * n + j] = two_gamma.mul_add(t[i * 2 * n + j], one);
-                let mean = |x: T, y: T| half * (x + y);
-                d.g[i * n + j] = mean(t[i * 2 * n + n + j], t[j * 2 * n + n + i]);
-                d.h[i * n + j] = mean(t[(n + i) * 2 * n + j], t[(n + j) * 2 * n + i]);
+                d.g[i * n + j] = half * (t[i * 2 * n + n + j] + t[j * 2 * n + n + i]);
+                d.h[i * n + j] = half * (t[(n + i) * 2 * n + j] + t[(n + j) * 2 * n + i]);
             }
         }
         regular

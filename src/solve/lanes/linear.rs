@@ -163,12 +163,8 @@ impl<T: Real> Linear<T> {
     /// The smaller margin of the two coefficients.
     #[inline(always)]
     fn margin_of_coefficients(&self) -> T {
-        let of = |c: &Cayley<T>| match self.kind {
-            Kind::Continuous => c.margin(),
-            Kind::Discrete => c.powers.margin(),
-        };
-        let left = of(&self.left_cayley);
-        if self.symmetric { left } else { left.min(of(&self.right_cayley)) }
+        let left = margin(self.kind, &self.left_cayley);
+        if self.symmetric { left } else { left.min(margin(self.kind, &self.right_cayley)) }
     }
 
     /// Solves and corrects the lanes of `wanted`.
@@ -209,6 +205,16 @@ impl<T: Real> Linear<T> {
             (Kind::Continuous, false) => sylvester(left, right, x, work),
             (Kind::Discrete, true) => stein_to(&left.powers, x, work, digits),
             (Kind::Discrete, false) => stein_pair(&left.powers, &right.powers, x, work),
+        }
+    }
+}
+
+outlined! {
+    /// The margin of one coefficient.
+    fn margin(kind: Kind, c: &'a Cayley<T>) -> T {
+        match kind {
+            Kind::Continuous => c.margin(),
+            Kind::Discrete => c.powers.margin(),
         }
     }
 }

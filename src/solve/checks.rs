@@ -23,6 +23,6 @@ pub enum Checks {
     #[default]
     All,
     /// Stability only: `error_bound` and `condition` are `None`, and `reliable`
-    /// knows nothing of them. Saves a tenth to a third of the time.
+    /// knows nothing of them. Saves about a tenth of the time.
     Stability,
 }

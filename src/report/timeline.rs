@@ -15,6 +15,8 @@ pub struct Timeline {
     pub labels: Vec<String>,
     /// Weights, one curve a model.
     pub p: Vec<Vec<f64>>,
+    /// Standard deviation of each weight over trials; empty for one record.
+    pub spread: Vec<Vec<f64>>,
     /// Parameters in which the models differ.
     pub parameters: Vec<Track>,
 }

@@ -119,6 +119,7 @@ fn timeline(scenario: &Scenario, estimator: &Estimator, rows: &[Row], timed: boo
         t: rows.iter().map(|r| r.t).collect(),
         labels: estimator.labels.clone(),
         p: (0..models).map(|i| rows.iter().map(|r| r.p[i]).collect()).collect(),
+        spread: Vec::new(),
         parameters: (0..estimator.parameters.len()).map(track).collect(),
     }
 }

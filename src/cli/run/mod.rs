@@ -3,9 +3,8 @@
 mod save;
 mod show;
 
-use std::time::{Instant, SystemTime};
-
 use super::arguments::RunArguments;
+use super::clock::Clock;
 use super::estimate::law;
 use super::failure::{Failure, say};
 use super::output;
@@ -21,7 +20,7 @@ use crate::sim::Summary;
 const FEW: u64 = 16;
 
 pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure> {
-    let clock = (SystemTime::now(), Instant::now());
+    let clock = Clock::start();
     let scenario = Scenario::from_file(&args.file)?;
     for warning in scenario.warnings() {
         say("warning", &warning.to_string());
@@ -52,7 +51,7 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
     warn(&simulation, &summary);
     if let Some(output) = output {
         let dir = output.dir().to_path_buf();
-        save::save(args, &simulation, &summary, output, signals, clock)?;
+        save::save(args, scenario.title(), &simulation, &summary, output, signals, &clock)?;
         say("note", &format!("wrote {} to {}", save::FILES.join(", "), dir.display()));
     }
     output::print(Some(signals), |out| {

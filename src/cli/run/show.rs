@@ -65,7 +65,7 @@ fn numbers(list: &[f64]) -> Vec<Option<f64>> {
 }
 
 /// Mean of each parameter over weights and trials.
-fn theta(simulation: &Simulation, moment: &Moment) -> Vec<f64> {
+pub(super) fn theta(simulation: &Simulation, moment: &Moment) -> Vec<f64> {
     let values = &simulation.estimator.values;
     (0..simulation.estimator.parameters.len())
         .map(|k| moment.mean(&values.iter().map(|v| v[k]).collect::<Vec<_>>()))

@@ -95,6 +95,19 @@ fn weights(
             run.t.iter().zip(&run.p[i]).map(|(t, p)| (x.at(*t), y.at(*p))).collect();
         canvas::polyline(thinned(&points, area.x))
     };
+    for (k, &i) in named.iter().enumerate() {
+        let Some(spread) = run.spread.get(i) else { continue };
+        let edge = |sign: f64| {
+            let ends = run.t.iter().zip(run.p[i].iter().zip(spread));
+            ends.map(move |(t, (p, s))| (x.at(*t), y.at((p + sign * s).clamp(0.0, 1.0))))
+                .collect::<Vec<_>>()
+        };
+        let upper = edge(1.0);
+        let outline = upper.into_iter().chain(edge(-1.0).into_iter().rev());
+        if let Some(path) = canvas::polyline(outline) {
+            group = group.add(path.set("fill", Color::of(k)).set("fill-opacity", 0.15));
+        }
+    }
     for i in (0..run.p.len()).filter(|i| !named.contains(i)) {
         if let Some(path) = curve(i) {
             group = group.add(path.set("stroke", GREY.pale(0.6)).set("stroke-width", 1.0));

@@ -164,7 +164,8 @@ fn equal_models_share_one_interval() {
 #[test]
 fn a_bank_that_failed_is_an_error() {
     let family = scalar(|k| k);
-    let study = Study::new(family, bank("a", &[f64::INFINITY, f64::NAN]), explicit("k", &[1.0, 2.0]));
+    let study =
+        Study::new(family, bank("a", &[f64::INFINITY, f64::NAN]), explicit("k", &[1.0, 2.0]));
     let error = study.run(&RunControl::default()).unwrap_err();
     let Error::AllFailed { what: "models", count: 2, source } = &error else { panic!("{error}") };
     assert!(matches!(**source, Error::Model { index: 0, .. }), "{source}");

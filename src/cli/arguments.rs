@@ -14,7 +14,7 @@ Exit codes:
   7    over a limit of size or memory; nothing was allocated
   130  interrupted (SIGINT), 143 terminated (SIGTERM): nothing was written";
 
-/// Multiple-model adaptive estimation: EIP sets, and the equations under them.
+/// Multiple-model adaptive estimation: EIP sets, banks of observers, Riccati equations.
 #[derive(Debug, Parser)]
 #[command(name = "mmae", version, after_help = EXIT_CODES, max_term_width = 80)]
 pub(super) struct Arguments {

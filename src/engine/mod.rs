@@ -7,7 +7,7 @@
 //! fuse       x_hat = sum p_i x_i
 //! ```
 //!
-//! [`Mmae::step`] does it for one measurement, without allocating:
+//! [`Mmae::step`] does it for one measurement:
 //!
 //! ```
 //! use mmae::bank::{Initial, Members, Settings, GainMode};

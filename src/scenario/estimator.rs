@@ -28,6 +28,19 @@ pub struct Estimator {
 }
 
 impl Estimator {
+    /// The mean of each parameter over weights `p`, one a model.
+    ///
+    /// ```text
+    /// theta_hat = sum p_i theta_i
+    /// ```
+    ///
+    /// # Source
+    /// Aguiar et al. (2007), (12).
+    pub fn theta_hat(&self, p: &[f64]) -> Vec<f64> {
+        let weighed = || p.iter().zip(&self.values).filter(|(p, _)| **p > 0.0);
+        (0..self.parameters.len()).map(|k| weighed().map(|(p, v)| p * v[k]).sum()).collect()
+    }
+
     /// The engine at its start.
     ///
     /// # Errors

@@ -26,19 +26,10 @@
 //! | 8 | 90 | as loops | 76 to 87 |
 //!
 //! # Where faer takes over
-//! Against faer, one problem at a time on one thread (same machine and load;
-//! times of faer over times of lanes, `cargo bench --bench kernels`):
-//!
-//! | order | `A B` | `Q + A P A'` | `A X = B` | Cholesky |
-//! |---|---|---|---|---|
-//! | 2 | 26 | 22 | 28 | 41 |
-//! | 4 | 16 | 12 | 20 | 15 |
-//! | 8 | 3.8 | 3.5 | 12 | 7.4 |
-//! | 12 | 3.3 | 3.4 | 7.7 | 6.9 |
-//! | 16 | 2.6 | 2.7 | 7.8 | 6.5 |
-//! | 24 | 1.2 | 1.4 | 5.9 | 7.8 |
-//! | 32 | 0.95 | 1.3 | 4.0 | 5.6 |
-//! | 64 | 0.72 | 1.05 | 1.5 | 4.8 |
+//! Against faer, one problem at a time on one thread, lanes win by 26 to 39 times
+//! at order 2 and by 2.7 to 8 at order 16; faer's product is level at order 30
+//! and ahead from there. `cargo bench --bench kernels -- --table` prints the
+//! comparison, BENCHMARKS.md holds a run of it.
 //!
 //! With AVX2 lanes the lines cross between orders 16 and 24 for products and
 //! between 48 and 64 for systems. Orders above some 30, and decompositions that

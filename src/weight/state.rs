@@ -162,12 +162,6 @@ impl<T: Real> Weights<T> {
         }
     }
 
-    /// True if [`Weights::step`] wants evidence of the start of the interval as
-    /// well as of its end before it moves.
-    pub fn wants_both_ends(&self) -> bool {
-        matches!(self.law, Law::Dwsg { scheme: DwsgScheme::Trapezoid, .. })
-    }
-
     /// Time goes on by a step: models may change, if a transition was given.
     #[inline(always)]
     pub fn predict(&mut self) {

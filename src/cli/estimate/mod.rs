@@ -180,7 +180,7 @@ fn filter(
             rows.push(Row {
                 t: record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]),
                 p: e.p.clone(),
-                theta_hat: theta(estimator, e),
+                theta_hat: estimator.theta_hat(&e.p),
                 x_hat: e.x_hat.clone(),
                 nis: e.nis.iter().map(|v| v.is_finite().then_some(*v)).collect(),
             });
@@ -208,12 +208,6 @@ fn steps(args: &EstimateArguments, record: &Record, k: usize, dt: f64) -> Result
         }]));
     }
     Ok(whole as u64)
-}
-
-fn theta(estimator: &Estimator, e: &Estimate) -> Vec<f64> {
-    (0..estimator.parameters.len())
-        .map(|k| e.mean(&estimator.values.iter().map(|v| v[k]).collect::<Vec<_>>()))
-        .collect()
 }
 
 #[derive(Serialize)]
@@ -256,7 +250,7 @@ fn print_json(
         samples: e.step,
         log_weights: finite(&e.log_p),
         p: &e.p,
-        theta_hat: theta(estimator, e),
+        theta_hat: estimator.theta_hat(&e.p),
         identified: (0..e.p.len()).map(|i| f64::from(u8::from(e.best == Some(i)))).collect(),
         best: e.best,
         n_eff: e.n_eff,
@@ -311,7 +305,7 @@ fn print_text(
         ]
     });
     out.write_all(layout::grid(&["model", "p", "ln p", "ln likelihood", ""], lines).as_bytes())?;
-    for (name, value) in estimator.parameters.iter().zip(theta(estimator, e)) {
+    for (name, value) in estimator.parameters.iter().zip(estimator.theta_hat(&e.p)) {
         writeln!(out, "{name} = {} (mean over the weights)", significant(value, 6))?;
     }
     for (name, value) in estimator.names.states.iter().zip(&e.x_hat) {

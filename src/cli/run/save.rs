@@ -52,7 +52,7 @@ fn timeline(title: Option<&str>, simulation: &Simulation, summary: &Summary) -> 
     let (law, trials) = (estimator.weighting.law.name(), summary.trials);
     let track = |k: usize| Track {
         name: estimator.parameters[k].clone(),
-        mean: record.iter().map(|m| show::theta(simulation, m)[k]).collect(),
+        mean: record.iter().map(|m| estimator.theta_hat(&m.p)[k]).collect(),
         models: estimator.values.iter().map(|v| v[k]).collect(),
         truth: None,
     };

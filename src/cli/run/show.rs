@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::report::{layout, significant};
 use crate::scenario::Simulation;
-use crate::sim::{Moment, Summary, Trajectory};
+use crate::sim::{Summary, Trajectory};
 
 /// A report.
 #[derive(Serialize)]
@@ -64,14 +64,6 @@ fn numbers(list: &[f64]) -> Vec<Option<f64>> {
     list.iter().map(|v| number(*v)).collect()
 }
 
-/// Mean of each parameter over weights and trials.
-pub(super) fn theta(simulation: &Simulation, moment: &Moment) -> Vec<f64> {
-    let values = &simulation.estimator.values;
-    (0..simulation.estimator.parameters.len())
-        .map(|k| moment.mean(&values.iter().map(|v| v[k]).collect::<Vec<_>>()))
-        .collect()
-}
-
 fn each(simulation: &Simulation, trial: &Trajectory, models: usize) -> Each {
     let last = |all: &[f64], n: usize| all[all.len() - n.min(all.len())..].to_vec();
     let log_p = last(&trial.log_p, models);
@@ -104,7 +96,7 @@ pub(super) fn json(
         p: &m.p,
         p_std: &m.p_std,
         identified: &m.identified,
-        theta_hat: theta(simulation, m),
+        theta_hat: estimator.theta_hat(&m.p),
         x_error_rms: number(m.x_error_rms),
         nis: numbers(&m.nis),
     });
@@ -121,7 +113,7 @@ pub(super) fn json(
         seed: summary.seed,
         log_weights: numbers(&end.log_p),
         p: &end.p,
-        theta_hat: theta(simulation, end),
+        theta_hat: estimator.theta_hat(&end.p),
         identified: &end.identified,
         x_error_rms: number(end.x_error_rms),
         nis: numbers(&end.nis),
@@ -177,7 +169,7 @@ pub(super) fn text(
     });
     let head = ["model", "identified", "mean p", "std p", "mean NIS"];
     out.write_all(layout::grid(&head, rows).as_bytes())?;
-    for (name, value) in estimator.parameters.iter().zip(theta(simulation, end)) {
+    for (name, value) in estimator.parameters.iter().zip(estimator.theta_hat(&end.p)) {
         writeln!(out, "{name} = {} (mean over weights and trials)", significant(value, 6))?;
     }
     writeln!(out, "rms error of the fused state: {}", significant(end.x_error_rms, 6))

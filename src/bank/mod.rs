@@ -21,11 +21,13 @@ mod covariance;
 mod gains;
 mod matrices;
 mod members;
+mod schedule;
 mod states;
 mod stream;
 
 pub use gains::{Coefficients, GainMode, Gains, Settings};
 pub use members::{Initial, Members, StartTime};
+pub(crate) use schedule::Schedule;
 pub(crate) use states::{Repeat, correct, innovate, propagate, whiten};
 pub(crate) use stream::norm_factor;
 pub use stream::{Bank, Step};

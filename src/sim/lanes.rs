@@ -1,10 +1,9 @@
 //! Eight trials at once: truth, bank and weights in lanes.
 
-use super::coefficients::Coefficients;
 use super::monte_carlo::Plan;
 use super::tally::{self, Report, Trajectory};
 use super::truth::Walk;
-use crate::bank::{Repeat, correct, innovate, propagate, whiten};
+use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
 use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Block, Kernel, groups};
@@ -24,7 +23,7 @@ pub(super) enum Norm {
 /// Trials `first` to `first + valid - 1`, from the start to the end.
 pub(super) struct Eight<'a> {
     pub(super) plan: &'a Plan,
-    pub(super) coefficients: &'a Coefficients,
+    pub(super) coefficients: &'a Schedule,
     pub(super) first: u64,
     pub(super) valid: usize,
     /// Sums, shape (report, number).
@@ -49,7 +48,7 @@ impl Kernel for Eight<'_> {
 /// The filters of all models.
 struct Filters<'a, T> {
     plan: &'a Plan,
-    coefficients: &'a Coefficients,
+    coefficients: &'a Schedule,
     /// States, shape (model, state).
     x: Vec<T>,
     next: Vec<T>,
@@ -68,7 +67,7 @@ impl<T: Real> Filters<'_, T> {
     /// ```
     #[inline(always)]
     fn step(&mut self, k: u64, moves: bool, y: &[T]) {
-        let Coefficients { n, q, .. } = *self.coefficients;
+        let Schedule { n, q, .. } = *self.coefficients;
         let inputs = self.plan.source.input(k);
         for j in 0..inputs.len() {
             self.u[j] = T::splat(inputs[j]);
@@ -123,7 +122,7 @@ impl Eight<'_> {
     #[inline(always)]
     fn group<T: Real>(&mut self, group: usize) -> Result<()> {
         let plan = self.plan;
-        let Coefficients { n, m, q, .. } = *self.coefficients;
+        let Schedule { n, m, q, .. } = *self.coefficients;
         let models = plan.prior.len();
         let mut walk = Walk::<T>::new(&plan.source, plan.seed, self.first, group);
         let mut filters = Filters {

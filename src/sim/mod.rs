@@ -18,7 +18,6 @@
 //! others.
 
 mod alone;
-mod coefficients;
 mod lanes;
 mod monte_carlo;
 mod random;

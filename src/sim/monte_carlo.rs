@@ -1,11 +1,10 @@
 //! Many trials of one bank.
 
 use super::alone;
-use super::coefficients::Coefficients;
 use super::lanes::{Eight, Norm};
 use super::tally::{self, Trajectory};
 use super::truth::{Source, Timing, Truth};
-use crate::bank::{Gains, Members, Settings, StartTime, norm_factor};
+use crate::bank::{Gains, Members, Schedule, Settings, StartTime, norm_factor};
 use crate::engine::{Innovation, Mixing, Mmae, Weighting};
 use crate::error::{Error, Result};
 use crate::par::{RunControl, map_chunks};
@@ -217,7 +216,7 @@ impl MonteCarlo {
         let coefficients = if self.in_lanes(&engine) {
             let (mut gains, _) = Gains::new(&self.members, &self.settings)?;
             let sizes = engine.bank().sizes();
-            let made = Coefficients::new(&mut gains, sizes, models, self.steps, plan.moves_first)?;
+            let made = Schedule::new(&mut gains, sizes, models, self.steps, plan.moves_first)?;
             Some(made)
         } else {
             None

@@ -1,6 +1,6 @@
 //! The covariance recursion of all models, run once for all trials.
 
-use crate::bank::{GainMode, Gains};
+use super::gains::{GainMode, Gains};
 use crate::error::{Error, Result};
 use crate::simd::Panel;
 
@@ -12,10 +12,10 @@ const LIMIT: usize = 1 << 30;
 
 /// What each step needs of each model, plain numbers row by row.
 #[derive(Debug, Clone)]
-pub(super) struct Coefficients {
-    pub(super) n: usize,
-    pub(super) m: usize,
-    pub(super) q: usize,
+pub(crate) struct Schedule {
+    pub(crate) n: usize,
+    pub(crate) m: usize,
+    pub(crate) q: usize,
     models: usize,
     /// `A`, `B`, `C`, the whitener of the steady `S`, `1/2 ln det 2 pi S` of each
     /// model.
@@ -28,24 +28,24 @@ pub(super) struct Coefficients {
 
 /// One model at one step.
 #[derive(Clone, Copy)]
-pub(super) struct OfModel<'a> {
-    pub(super) a: &'a [f64],
-    pub(super) b: &'a [f64],
-    pub(super) c: &'a [f64],
-    pub(super) white: &'a [f64],
-    pub(super) bias: f64,
-    pub(super) k: &'a [f64],
-    pub(super) w: &'a [f64],
-    pub(super) log_norm: f64,
+pub(crate) struct OfModel<'a> {
+    pub(crate) a: &'a [f64],
+    pub(crate) b: &'a [f64],
+    pub(crate) c: &'a [f64],
+    pub(crate) white: &'a [f64],
+    pub(crate) bias: f64,
+    pub(crate) k: &'a [f64],
+    pub(crate) w: &'a [f64],
+    pub(crate) log_norm: f64,
 }
 
-impl Coefficients {
+impl Schedule {
     /// Runs the recursion of `gains` for `steps` steps, or until it repeats
     /// itself by bits; `moves_first` if the first step predicts.
     ///
     /// # Errors
     /// `Limit` for a recursion that does neither within the memory.
-    pub(super) fn new(
+    pub(crate) fn new(
         gains: &mut Gains,
         [n, m, q]: [usize; 3],
         models: usize,
@@ -87,8 +87,9 @@ impl Coefficients {
                 past.remove(0);
             }
             past.push(bits);
-            if made.steps.len() * 8 > LIMIT {
-                let each = (made.steps.len() * 8) as u128 / u128::from(done);
+            let bytes = made.steps.len() * 8;
+            if bytes > LIMIT {
+                let each = bytes as u128 / u128::from(done);
                 return Err(Error::Limit {
                     what: format!("the gains of {steps} steps"),
                     bytes: each.saturating_mul(u128::from(steps)),
@@ -102,7 +103,7 @@ impl Coefficients {
 
     /// Model `i` at step `k`, from 1.
     #[inline(always)]
-    pub(super) fn at(&self, i: usize, step: usize) -> OfModel<'_> {
+    pub(crate) fn at(&self, i: usize, step: usize) -> OfModel<'_> {
         let Self { n, m, q, .. } = *self;
         let each = n * q + q * q + 1;
         let fixed = &self.fixed[i * (n * n + n * m + q * n + q * q + 1)..];
@@ -126,7 +127,7 @@ impl Coefficients {
 
     /// Where the coefficients of step `k`, from 1, are kept.
     #[inline(always)]
-    pub(super) fn place(&self, k: u64) -> usize {
+    pub(crate) fn place(&self, k: u64) -> usize {
         let each = (self.n * self.q + self.q * self.q + 1) * self.models;
         let kept = self.steps.len() / each;
         match usize::try_from(k - 1) {
@@ -162,7 +163,7 @@ mod tests {
         members.initial = vec![Initial { x_hat: vec![0.0; 4], P: Some(p) }];
         let settings = Settings { gains: GainMode::Recursive, ..Settings::default() };
         let (mut gains, _) = Gains::new(&members, &settings).unwrap();
-        let kept = Coefficients::new(&mut gains.clone(), [4, 0, 2], 2, 100_000, true).unwrap();
+        let kept = Schedule::new(&mut gains.clone(), [4, 0, 2], 2, 100_000, true).unwrap();
         assert!(kept.steps.len() < 2 * 13 * 1000, "{}", kept.steps.len());
         for k in 1..=2000 {
             gains.predict();

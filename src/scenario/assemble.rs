@@ -11,7 +11,8 @@ use super::places::Places;
 use super::reader::{Reader, Value, clip};
 use super::table::Table;
 use super::{
-    FORMAT, Scenario, bank, explicit, keys, plant, run, settings, surroundings, truth, weighting,
+    FORMAT, Scenario, bank, explicit, keys, plant, run, settings, signals, surroundings, truth,
+    weighting,
 };
 use crate::model::{Family, Names, Surroundings, Time};
 
@@ -90,6 +91,8 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         let own = family.names.states.len() + filter_states;
         truth::read(reader, value, &family, size.unwrap_or(0), own)
     });
+    let signals =
+        table.get("signals").map(|value| signals::read(reader, value, names, filter_states > 0));
     let run = table.get("run").map(|value| run::read(reader, value));
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
@@ -117,6 +120,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         explicit: models,
         weighting: maybe(weighting)?,
         truth: maybe(truth)?,
+        signals: maybe(signals)?.unwrap_or_default(),
         run: maybe(run)?,
         settings,
         warnings: Vec::new(),

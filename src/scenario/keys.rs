@@ -12,6 +12,7 @@ pub(super) const TOP: &[&str] = &[
     "bank",
     "weighting",
     "truth",
+    "signals",
     "run",
     "eip",
 ];
@@ -68,6 +69,11 @@ pub(super) const WEIGHTING: &[&str] = &[
 ];
 /// `[truth]`.
 pub(super) const TRUTH: &[&str] = &["parameters", "model", "x0", "P0"];
+/// `[signals]`.
+pub(super) const SIGNALS: &[&str] = &["inputs", "disturbances", "noise"];
+/// A term of a signal.
+pub(super) const WAVE: &[&str] =
+    &["wave", "amplitude", "period", "omega", "phase", "t", "value", "intensity", "decay"];
 /// `[run]`.
 pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every"];
 /// `[eip]`.
@@ -86,6 +92,7 @@ pub(super) fn home(key: &str) -> Option<&'static str> {
         ("bank", BANK),
         ("weighting", WEIGHTING),
         ("truth", TRUTH),
+        ("signals", SIGNALS),
         ("run", RUN),
         ("eip", EIP),
     ];

@@ -31,6 +31,7 @@ mod plant;
 mod reader;
 mod run;
 mod settings;
+mod signals;
 mod simulation;
 pub(crate) mod source;
 mod start;
@@ -56,6 +57,7 @@ pub use template::{Template, template};
 use crate::eip::{Bank, Study};
 use crate::engine::Weighting;
 use crate::model::Surroundings;
+use crate::sim::Signals;
 use explicit::Explicit;
 use places::Places;
 use reader::Reader;
@@ -76,6 +78,7 @@ pub struct Scenario {
     start: Option<Start>,
     weighting: Option<Weighting>,
     truth: Option<truth::Written>,
+    signals: Signals,
     run: Option<run::Run>,
     settings: Option<Settings>,
     warnings: Vec<Diagnostic>,
@@ -226,6 +229,8 @@ mod tests {
             keys::MODEL_KOOPMAN,
             keys::WEIGHTING,
             keys::TRUTH,
+            keys::SIGNALS,
+            keys::WAVE,
             keys::RUN,
             keys::EIP,
         ];

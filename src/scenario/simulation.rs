@@ -120,7 +120,13 @@ impl Scenario {
         let mut x0 = written.x0.clone().or_else(|| believed.cloned()).unwrap_or_default();
         x0.resize(n, 0.0);
         Ok(Simulation {
-            truth: Truth { phases, x0, P0: written.p0.clone(), inputs: None },
+            truth: Truth {
+                phases,
+                x0,
+                P0: written.p0.clone(),
+                inputs: None,
+                signals: self.signals.clone(),
+            },
             estimator,
             dt,
             steps,

@@ -21,10 +21,12 @@ mod alone;
 mod lanes;
 mod monte_carlo;
 mod random;
+mod signal;
 mod tally;
 mod truth;
 
 pub use monte_carlo::{Moment, MonteCarlo, Summary};
 pub use random::{SplitMix64, Streams};
+pub use signal::{Signal, Signals, Term, Wave};
 pub use tally::Trajectory;
 pub use truth::Truth;

@@ -3,6 +3,7 @@
 use faer::Mat;
 
 use super::random::Streams;
+use super::signal::Signals;
 use crate::error::{Error, Result};
 use crate::model::{Plant, check_covariance, check_finite, check_shape, psd_factor, sample};
 use crate::real::Real;
@@ -27,13 +28,15 @@ pub struct Truth {
     pub P0: Option<Mat<f64>>,
     /// Inputs, a row a step; the last one stays. `None` for zero.
     pub inputs: Option<Mat<f64>>,
+    /// Known signals that drive it.
+    pub signals: Signals,
 }
 
 impl Truth {
     /// One plant that starts at rest at `x = 0`.
     pub fn new(plant: Plant) -> Self {
         let x0 = vec![0.0; plant.nx()];
-        Self { phases: vec![(0, plant)], x0, P0: None, inputs: None }
+        Self { phases: vec![(0, plant)], x0, P0: None, inputs: None, signals: Signals::default() }
     }
 }
 

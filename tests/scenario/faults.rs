@@ -555,3 +555,26 @@ fn limits_are_refused_before_anything_is_allocated() {
         }
     }
 }
+
+#[test]
+fn signals() {
+    let at_the_end = |text: &str, key: &str, message: &str, remedy: &str| {
+        let tail = "convention = \"ito\"\ndelays = [0, 0.01]\n";
+        check(tail, &format!("{tail}{text}\n"), key, message, remedy);
+    };
+    let inputs = |text: &str, key: &str, message: &str, remedy: &str| {
+        at_the_end(&format!("[signals.inputs]\n{text}"), key, message, remedy);
+    };
+    inputs("@y = 1", "signals.inputs.y", "no such channel", "names here are u");
+    inputs("u = @\"1\"", "signals.inputs.u", "the string", "without quotes");
+    inputs("u = { wave = @\"sqare\" }", "signals.inputs.u.wave", "no choice", "'square'");
+    inputs("u = @{ wave = \"sine\" }", "signals.inputs.u.omega", "missing", "needs it");
+    let foreign = "u = { wave = \"sine\", omega = 1, @period = 2 }";
+    inputs(foreign, "signals.inputs.u.period", "not of this wave", "wave, amplitude, omega");
+    let still = "u = @{ wave = \"square\", period = 0 }";
+    inputs(still, "signals.inputs.u", "period of", "positive seconds");
+    let short = "u = @[1, { wave = \"table\", t = [0, 1], value = [1] }]";
+    inputs(short, "signals.inputs.u", "values of", "");
+    let twice = "[signals]\ndisturbances = @{ w = 1 }";
+    at_the_end(twice, "signals.disturbances", "filter", "one of the two");
+}

@@ -22,6 +22,8 @@ pub(crate) struct Schedule {
     fixed: Vec<f64>,
     /// `K`, `W`, `log_norm` of each model, step after step.
     steps: Vec<f64>,
+    /// Covariances that go with them, shape (step, model, state, state).
+    covariances: Vec<f64>,
     /// The last so many steps repeat for ever.
     cycle: usize,
 }
@@ -53,7 +55,16 @@ impl Schedule {
         moves_first: bool,
     ) -> Result<Self> {
         let present = vec![true; q];
-        let mut made = Self { n, m, q, models, fixed: Vec::new(), steps: Vec::new(), cycle: 1 };
+        let mut made = Self {
+            n,
+            m,
+            q,
+            models,
+            fixed: Vec::new(),
+            steps: Vec::new(),
+            covariances: Vec::new(),
+            cycle: 1,
+        };
         let c = gains.coefficients();
         for i in 0..models {
             for panel in [&c.a, &c.b, &c.c, &c.white, &c.bias] {
@@ -72,6 +83,7 @@ impl Schedule {
                 for panel in [&c.k, &c.w, &c.log_norm] {
                     item(panel, i, &mut made.steps);
                 }
+                item(gains.covariances(), i, &mut made.covariances);
             }
             done += 1;
             if gains.mode() == GainMode::Steady {
@@ -87,7 +99,7 @@ impl Schedule {
                 past.remove(0);
             }
             past.push(bits);
-            let bytes = made.steps.len() * 8;
+            let bytes = (made.steps.len() + made.covariances.len()) * 8;
             if bytes > LIMIT {
                 let each = bytes as u128 / u128::from(done);
                 return Err(Error::Limit {
@@ -123,6 +135,18 @@ impl Schedule {
             w,
             log_norm: moving[q * q],
         }
+    }
+
+    /// Covariances of all models after the measurement of a step, shape (model,
+    /// state, state).
+    pub(crate) fn covariances(&self, step: usize) -> &[f64] {
+        let each = self.models * self.n * self.n;
+        &self.covariances[step * each..][..each]
+    }
+
+    /// Steps that are kept, those of the cycle included.
+    pub(crate) fn kept(&self) -> usize {
+        self.covariances.len() / (self.models * self.n * self.n).max(1)
     }
 
     /// Where the coefficients of step `k`, from 1, are kept.

@@ -39,6 +39,7 @@ impl Simulation {
             seed: self.seed,
             every: self.every,
             keep,
+            values: self.estimator.values.clone(),
         }
     }
 }

@@ -1,13 +1,14 @@
 //! Trials one by one through the engine, for what does not fit in lanes: states
 //! that are mixed, continuous observers.
 
+use super::consistency::{Spread, leading};
 use super::monte_carlo::Plan;
-use super::tally::{self, Report, Trajectory};
+use super::tally::{Report, Scratch, Tally, Trajectory};
 use super::truth::Walk;
 use crate::engine::Mmae;
 use crate::error::Result;
 use crate::real::Real;
-use crate::simd::{Block, Kernel, LANES, groups, load_group, store_group};
+use crate::simd::{Block, Kernel, groups, load_group, store_group};
 
 /// Takes in step, state and measurement of eight trials.
 type Sink<'a> = dyn FnMut(u64, &[Block], &[Block]) -> Result<()> + 'a;
@@ -42,18 +43,21 @@ impl Kernel for Simulate<'_> {
     }
 }
 
-/// Trials `first` to `first + valid - 1`; `sums` has shape (report, number).
+/// Trials `first` to `first + valid - 1`.
 pub(super) fn run(
     plan: &Plan,
     engine: &Mmae,
     first: u64,
     valid: usize,
-    sums: &mut [Block],
+    tally: &mut Tally<'_>,
     kept: &mut Vec<Trajectory>,
 ) -> Result<()> {
     let [n, m, q] = engine.bank().sizes();
     let models = plan.prior.len();
-    let width = tally::width(models);
+    let mut scratch = Scratch::<f64>::new(&plan.shape);
+    let c = plan.shape.common;
+    let mut estimates = vec![0.0; models * n];
+    let (mut p, mut white) = (Vec::new(), Vec::new());
     let mut engines = vec![engine.clone(); valid];
     let mut own: Vec<Option<Trajectory>> = (first..first + valid as u64)
         .map(|trial| plan.keeps(trial).then(|| Trajectory { trial, ..Trajectory::default() }))
@@ -71,7 +75,8 @@ pub(super) fn run(
                 // a plant that has run away measures nothing
                 *v = if v.is_finite() { *v } else { f64::NAN };
             }
-            let e = engine.step(u, &y)?;
+            engine.step(u, &y)?;
+            let e = engine.estimate();
             if !reports {
                 continue;
             }
@@ -79,13 +84,24 @@ pub(super) fn run(
             load_group(x, l, &mut state);
             let alive: Vec<f64> =
                 e.failed.iter().map(|&f| if f { f64::NAN } else { 0.0 }).collect();
+            let (bank, estimates) = (engine.bank(), &mut estimates[..]);
+            p.clear();
+            white.clear();
+            for i in 0..models {
+                bank.x_hat_into(i, &mut estimates[i * n..][..n]);
+                let of_model = bank.covariance(i);
+                let rows: Vec<f64> = (0..n * n).map(|e| of_model[(e / n, e % n)]).collect();
+                leading(n, c, &rows, plan.covariances, &mut p, &mut white);
+            }
             let seen = Report {
                 log_p: &e.log_p,
                 nis: &e.nis,
                 alive: &alive,
-                error: tally::squared_error(&state, &e.x_hat[..n]),
+                x: &state,
+                x_hat: estimates,
+                spread: Spread { p: &p, white: &white },
             };
-            tally::add(&seen, l, LANES, &mut sums[report * width..][..width]);
+            tally.add(&seen, &mut scratch, l, report);
             if let Some(kept) = &mut own[l] {
                 kept.x.extend(&state);
                 kept.x_hat.extend(&e.x_hat);

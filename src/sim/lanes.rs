@@ -1,12 +1,13 @@
 //! Eight trials at once: truth, bank and weights in lanes.
 
+use super::consistency::Spreads;
 use super::monte_carlo::Plan;
-use super::tally::{self, Report, Trajectory};
+use super::tally::{Report, Scratch, Tally, Trajectory};
 use super::truth::Walk;
 use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
 use crate::error::Result;
 use crate::real::Real;
-use crate::simd::{Block, Kernel, groups};
+use crate::simd::{Kernel, groups};
 use crate::weight::{Evidence, Weights};
 
 /// Which norm the residuals of the law are judged by.
@@ -21,17 +22,17 @@ pub(super) enum Norm {
 }
 
 /// Trials `first` to `first + valid - 1`, from the start to the end.
-pub(super) struct Eight<'a> {
+pub(super) struct Eight<'a, 'b> {
     pub(super) plan: &'a Plan,
     pub(super) coefficients: &'a Schedule,
     pub(super) first: u64,
     pub(super) valid: usize,
-    /// Sums, shape (report, number).
-    pub(super) sums: &'a mut [Block],
+    pub(super) spreads: &'a Spreads,
+    pub(super) tally: &'a mut Tally<'b>,
     pub(super) kept: &'a mut Vec<Trajectory>,
 }
 
-impl Kernel for Eight<'_> {
+impl Kernel for Eight<'_, '_> {
     type Out = Result<()>;
 
     #[inline(always)]
@@ -118,7 +119,7 @@ impl<T: Real> Filters<'_, T> {
     }
 }
 
-impl Eight<'_> {
+impl Eight<'_, '_> {
     #[inline(always)]
     fn group<T: Real>(&mut self, group: usize) -> Result<()> {
         let plan = self.plan;
@@ -143,8 +144,7 @@ impl Eight<'_> {
             &plan.prior,
         )?;
         let mut y = vec![T::zero(); q];
-        let mut fused = vec![T::zero(); n];
-        let width = tally::width(models);
+        let mut scratch = Scratch::new(&plan.shape);
         let mut report = 0;
         let mut kept: Vec<(usize, Trajectory)> = (0..T::LANES)
             .filter(|l| group * T::LANES + l < self.valid)
@@ -177,21 +177,22 @@ impl Eight<'_> {
                 }
                 filters.log_lik[i] = T::select(good, T::zero(), T::splat(f64::NAN));
             }
-            tally::fuse(weights.log_p(), &filters.x, &mut fused);
             let seen = Report {
                 log_p: weights.log_p(),
                 nis: &filters.nis,
                 alive: &filters.log_lik,
-                error: tally::squared_error(&walk.x, &fused),
+                x: &walk.x,
+                x_hat: &filters.x,
+                spread: self.spreads.at(self.coefficients.place(k)),
             };
-            tally::add(&seen, group, self.valid, &mut self.sums[report * width..][..width]);
+            self.tally.add(&seen, &mut scratch, group, report);
             report += 1;
             for (l, kept) in &mut kept {
                 let of = |values: &[T], out: &mut Vec<f64>| {
                     out.extend(values.iter().map(|v| v.lane(*l)));
                 };
                 of(&walk.x, &mut kept.x);
-                of(&fused, &mut kept.x_hat);
+                of(&scratch.fused, &mut kept.x_hat);
                 of(&y, &mut kept.y);
                 of(weights.log_p(), &mut kept.log_p);
             }

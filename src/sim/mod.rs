@@ -18,14 +18,20 @@
 //! others.
 
 mod alone;
+mod consistency;
 mod lanes;
+mod moment;
 mod monte_carlo;
+mod quantile;
 mod random;
 mod signal;
 mod tally;
 mod truth;
 
-pub use monte_carlo::{Moment, MonteCarlo, Summary};
+pub use consistency::chi_square_band;
+pub use moment::{Moment, Summary};
+pub use monte_carlo::MonteCarlo;
+pub use quantile::LEVELS;
 pub use random::{SplitMix64, Streams};
 pub use signal::{Signal, Signals, Term, Wave};
 pub use tally::Trajectory;

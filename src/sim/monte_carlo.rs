@@ -1,21 +1,24 @@
 //! Many trials of one bank.
 
 use super::alone;
+use super::consistency::{Spreads, chi_square_band};
 use super::lanes::{Eight, Norm};
-use super::tally::{self, Trajectory};
+use super::moment::{Summary, moment};
+use super::quantile::Sample;
+use super::tally::{CHUNK, Shape, Tally, Trajectory};
 use super::truth::{Source, Timing, Truth};
 use crate::bank::{Gains, Members, Schedule, Settings, StartTime, norm_factor};
 use crate::engine::{Innovation, Mixing, Mmae, Weighting};
 use crate::error::{Error, Result};
-use crate::par::{RunControl, map_chunks};
-use crate::simd::{Block, LANES, dispatch};
+use crate::observer::ObserverKind;
+use crate::par::{RunControl, map_chunks, map_parts};
+use crate::simd::{LANES, dispatch};
 use crate::weight::{Law, Modifiers, Transition};
 
-/// Trials of a chunk of work.
-const CHUNK: usize = 64;
-/// Chunks whose sums are held at once.
+/// Chunks whose results are held at once, at most and at least.
 const ROUND: usize = 256;
-/// Most bytes of sums.
+const LEAST: usize = 8;
+/// Most bytes of results.
 const LIMIT: u128 = 4 << 30;
 
 /// A Monte-Carlo experiment: a bank, the plant that is really there, and how
@@ -45,6 +48,7 @@ const LIMIT: u128 = 4 << 30;
 ///     seed: 1,
 ///     every: 0,
 ///     keep: Vec::new(),
+///     values: vec![vec![0.96], vec![1.0]],
 /// };
 /// let summary = experiment.run(&RunControl::default())?;
 /// let end = summary.last();
@@ -74,69 +78,9 @@ pub struct MonteCarlo {
     pub every: u64,
     /// Trials whose course is kept.
     pub keep: Vec<u64>,
-}
-
-/// Means over all trials at a step.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
-    /// The step, from 1.
-    pub step: u64,
-    /// Mean weight of each model.
-    pub p: Vec<f64>,
-    /// Standard deviation of the weight over the trials.
-    pub p_std: Vec<f64>,
-    /// Mean logarithm of each weight; minus infinity where a trial has weight
-    /// zero.
-    pub log_p: Vec<f64>,
-    /// Fraction of trials in which the model has the largest weight.
-    pub identified: Vec<f64>,
-    /// Mean normalised innovation squared, `r' S^-1 r`, whose expectation is the
-    /// number of outputs where the model is right; over the trials in which the
-    /// member did not fail, NaN if there is none.
-    pub nis: Vec<f64>,
-    /// Fraction of trials in which the member failed.
-    pub failed: Vec<f64>,
-    /// `sqrt(mean |x - x_hat|^2)` of the fused estimate, over the states that the
-    /// plant and the observers have in common.
-    pub x_error_rms: f64,
-}
-
-impl Moment {
-    /// `sum p_i values_i`: the mean estimate of a parameter.
-    ///
-    /// # Panics
-    /// Unless there is a value a model.
-    pub fn mean(&self, values: &[f64]) -> f64 {
-        assert_eq!(values.len(), self.p.len(), "one value a model");
-        self.p.iter().zip(values).filter(|(p, _)| **p > 0.0).map(|(p, v)| p * v).sum()
-    }
-}
-
-/// What came out of all trials.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Summary {
-    /// Trials run.
-    pub trials: u64,
-    /// Steps of each.
-    pub steps: u64,
-    /// Seed.
-    pub seed: u64,
-    /// The steps that were asked for; the last one is the end.
-    pub record: Vec<Moment>,
-    /// The trials that were asked for, in order.
-    pub kept: Vec<Trajectory>,
-    /// Models that could not be designed.
-    pub failures: Vec<Option<Error>>,
-}
-
-impl Summary {
-    /// Means at the end.
-    ///
-    /// # Panics
-    /// Never for a summary that [`MonteCarlo::run`] returned.
-    pub fn last(&self) -> &Moment {
-        &self.record[self.record.len() - 1]
-    }
+    /// Parameter values, one list a model, for the estimate
+    /// `theta_hat = sum p_i theta_i`; none if there are no lists.
+    pub values: Vec<Vec<f64>>,
 }
 
 /// All that is the same for every trial.
@@ -154,6 +98,9 @@ pub(super) struct Plan {
     /// Estimates at the start, shape (model, state).
     pub(super) x_hat: Vec<f64>,
     pub(super) moves_first: bool,
+    /// False if the matrices `P` of the observers are no covariances.
+    pub(super) covariances: bool,
+    pub(super) shape: Shape,
     pub(super) seed: u64,
     pub(super) steps: u64,
     every: u64,
@@ -173,9 +120,20 @@ impl Plan {
     }
 }
 
-/// Sums and courses of a chunk of trials.
+/// Results of a chunk of trials, see [`Tally`].
 struct Part {
+    trials: usize,
     sums: Vec<f64>,
+    values: Vec<f64>,
+    kept: Vec<Trajectory>,
+}
+
+/// Results of all.
+struct Total {
+    /// Shape (report, number).
+    sums: Vec<f64>,
+    /// Shape (report, quantity).
+    samples: Vec<Sample>,
     kept: Vec<Trajectory>,
 }
 
@@ -201,10 +159,10 @@ impl MonteCarlo {
         let models = plan.prior.len();
         let reports = self.steps.checked_div(self.every).unwrap_or(0)
             + u64::from(self.every == 0 || !self.steps.is_multiple_of(self.every));
-        let width = tally::width(models);
-        let each = u128::from(reports) * width as u128 * 8;
-        // a thread has a block and a row of it, and so has the total
-        let bytes = each * (8 + 2) + u128::from(reports) * self.keep.len() as u128 * 64;
+        let axes = plan.shape.axes();
+        let samples = axes.len() as u128 * u128::from(Sample::bytes(self.trials));
+        let each = samples + (LEAST * plan.shape.bytes()) as u128 + self.keep.len() as u128 * 64;
+        let bytes = u128::from(reports) * each;
         if bytes > LIMIT {
             return Err(Error::Limit {
                 what: format!("a record of {reports} steps"),
@@ -221,53 +179,71 @@ impl MonteCarlo {
         } else {
             None
         };
-        let size = reports as usize * width;
+        let spreads = coefficients
+            .as_ref()
+            .map(|c| Spreads::new(c, models, plan.shape.common, plan.covariances));
+        let reports = reports as usize;
         let work = |first: u64, trials: usize| -> Result<Part> {
-            let mut sums = vec![Block::default(); size];
+            let mut tally = Tally::new(&plan.shape, reports);
             let mut kept = Vec::new();
             for start in (0..trials).step_by(LANES) {
                 let (first, valid) = (first + start as u64, LANES.min(trials - start));
-                match &coefficients {
-                    Some(coefficients) => dispatch(Eight {
+                tally.begin(start, valid);
+                match (&coefficients, &spreads) {
+                    (Some(coefficients), Some(spreads)) => dispatch(Eight {
                         plan: &plan,
                         coefficients,
                         first,
                         valid,
-                        sums: &mut sums,
+                        spreads,
+                        tally: &mut tally,
                         kept: &mut kept,
                     })?,
-                    None => alone::run(&plan, &engine, first, valid, &mut sums, &mut kept)?,
+                    _ => alone::run(&plan, &engine, first, valid, &mut tally, &mut kept)?,
                 }
             }
-            Ok(Part { sums: tally::across(&sums), kept })
+            let (sums, values) = tally.finish();
+            Ok(Part { trials, sums, values, kept })
         };
-        let total = self.gather(control, size, work)?;
-        let count = self.trials as f64;
-        let mut record = Vec::with_capacity(reports as usize);
-        let steps = (1..=reports).map(|i| if i == reports { self.steps } else { i * self.every });
-        for (step, sums) in steps.zip(total.sums.chunks_exact(width)) {
-            record.push(moment(step, sums, models, count));
+        let samples: Vec<Sample> =
+            (0..reports).flat_map(|_| &axes).map(|a| Sample::new(*a)).collect();
+        let total =
+            Total { sums: vec![0.0; reports * plan.shape.sums()], samples, kept: Vec::new() };
+        let total = self.gather(control, &plan.shape, reports, total, work)?;
+        let mut record = Vec::with_capacity(reports);
+        let mut samples = total.samples.into_iter();
+        for (i, sums) in total.sums.chunks_exact(plan.shape.sums()).enumerate() {
+            let at = i as u64 + 1;
+            let step = if i + 1 == reports { self.steps } else { at * self.every };
+            let of_step = samples.by_ref().take(axes.len()).map(Sample::quantiles);
+            record.push(moment(step, sums, of_step.collect(), &plan.shape, self.trials as f64));
         }
+        let [_, _, q] = engine.bank().sizes();
+        let band = |freedom: usize| chi_square_band(freedom as f64, self.trials as f64);
         Ok(Summary {
             trials: self.trials,
             steps: self.steps,
             seed: self.seed,
+            nis_band: band(q),
+            nees_band: if plan.covariances { band(plan.shape.common) } else { [f64::NAN; 2] },
             record,
             kept: total.kept,
             failures: engine.bank().failures().to_vec(),
         })
     }
 
-    /// Runs chunks of trials and adds up their sums, in the order of the trials.
+    /// Runs chunks of trials and adds up their results, in the order of the trials.
     fn gather(
         &self,
         control: &RunControl<'_>,
-        size: usize,
+        shape: &Shape,
+        reports: usize,
+        mut total: Total,
         work: impl Fn(u64, usize) -> Result<Part> + Sync,
-    ) -> Result<Part> {
-        let mut total = Part { sums: vec![0.0; size], kept: Vec::new() };
-        // as many chunks at once as fit; the sums do not depend on it
-        let chunks = (LIMIT as usize / 16 / (size * 8).max(1)).clamp(1, ROUND);
+    ) -> Result<Total> {
+        // as many chunks at once as fit; the results do not depend on it
+        let chunks = (LIMIT as usize / 16 / (reports * shape.bytes()).max(1)).clamp(LEAST, ROUND);
+        let quantities = total.samples.len() / reports;
         let mut first = 0;
         while first < self.trials {
             let left = self.trials - first;
@@ -280,13 +256,28 @@ impl MonteCarlo {
             let round = control.progress(&report);
             let parts =
                 map_chunks(&round, trials, CHUNK, |r| work(first + r.start as u64, r.len()))?;
-            for part in parts {
-                let part = part?;
+            let mut parts = parts.into_iter().collect::<Result<Vec<Part>>>()?;
+            for part in &mut parts {
                 for (sum, value) in total.sums.iter_mut().zip(&part.sums) {
                     *sum += value;
                 }
-                total.kept.extend(part.kept);
+                total.kept.append(&mut part.kept);
             }
+            let quiet = RunControl { progress: None, ..*control };
+            let of_reports: Vec<_> = total.samples.chunks_mut(quantities).collect();
+            map_parts(
+                &quiet,
+                of_reports,
+                |_| 1,
+                |report, samples| {
+                    for (j, sample) in samples.iter_mut().enumerate() {
+                        for part in &parts {
+                            let at = (report * quantities + j) * CHUNK;
+                            sample.extend(&part.values[at..][..part.trials]);
+                        }
+                    }
+                },
+            )?;
             first += trials as u64;
         }
         Ok(total)
@@ -326,6 +317,17 @@ impl MonteCarlo {
         }
         let mut keep = self.keep.clone();
         keep.sort_unstable();
+        let models = prior.len();
+        let lists = &self.values;
+        if let Some(list) = lists.iter().find(|v| v.len() != lists[0].len()) {
+            let (want, got) = ([lists[0].len(), 1], [list.len(), 1]);
+            return Err(Error::Shape { what: "values of a model".into(), want, got });
+        }
+        if !lists.is_empty() && lists.len() != models {
+            let (want, got) = ([models, 1], [lists.len(), 1]);
+            return Err(Error::Shape { what: "lists of values".into(), want, got });
+        }
+        let shape = Shape::new([n, q], source.n, models, lists);
         Ok(Plan {
             source,
             law: self.weighting.law,
@@ -344,28 +346,12 @@ impl MonteCarlo {
             failed,
             x_hat,
             moves_first,
+            covariances: self.members.observer != ObserverKind::Krener,
+            shape,
             seed: self.seed,
             steps: self.steps,
             every: self.every,
             keep,
         })
-    }
-}
-
-/// Means from sums over `count` trials.
-fn moment(step: u64, sums: &[f64], models: usize, count: f64) -> Moment {
-    let mean =
-        |j: usize| -> Vec<f64> { sums[j * models..][..models].iter().map(|s| s / count).collect() };
-    let (p, squares, failed) = (mean(0), mean(1), mean(5));
-    let p_std = p.iter().zip(&squares).map(|(p, s)| (s - p * p).max(0.0).sqrt()).collect();
-    Moment {
-        step,
-        p,
-        p_std,
-        log_p: mean(2),
-        identified: mean(3),
-        nis: mean(4).iter().zip(&failed).map(|(nis, f)| nis / (1.0 - f)).collect(),
-        failed,
-        x_error_rms: (sums[6 * models] / count).sqrt(),
     }
 }

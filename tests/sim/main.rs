@@ -3,5 +3,6 @@
 mod laws;
 mod random;
 mod setup;
+mod statistics;
 mod tables;
 mod trials;

@@ -24,6 +24,7 @@ pub(crate) fn plants(case: usize) -> (Vec<Plant>, usize) {
 
 pub(crate) fn case(number: usize) -> MonteCarlo {
     let (plants, truth) = plants(number);
+    let values = CASES[number - 1].1.map(|v| vec![v]).to_vec();
     let x0 = vec![-100.0, 2.0, 200.0, 20.0];
     let right = plants[truth].clone();
     let mut members = Members::new(ObserverKind::Kalman, plants);
@@ -39,5 +40,6 @@ pub(crate) fn case(number: usize) -> MonteCarlo {
         seed: 1,
         every: 10,
         keep: Vec::new(),
+        values,
     }
 }

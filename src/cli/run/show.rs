@@ -5,20 +5,65 @@ use std::io::{self, Write};
 use serde::Serialize;
 
 use crate::report::{layout, significant};
-use crate::scenario::Simulation;
-use crate::sim::{Summary, Trajectory};
+use crate::scenario::{Estimator, Simulation};
+use crate::sim::{LEVELS, Moment, Summary, Trajectory};
+
+/// Means over the trials, at a step or at the end.
+#[derive(Serialize)]
+struct Statistics<'a> {
+    p: &'a [f64],
+    p_std: &'a [f64],
+    p_quantiles: &'a [[f64; 5]],
+    identified: &'a [f64],
+    theta_hat: Vec<f64>,
+    theta_hat_quantiles: Vec<Vec<Option<f64>>>,
+    x_error_rms: Option<f64>,
+    x_error_mean: Vec<Option<f64>>,
+    x_error_std: Vec<Option<f64>>,
+    x_error_quantiles: Vec<Vec<Option<f64>>>,
+    x_error_norm_quantiles: Vec<Option<f64>>,
+    nis: Vec<Option<f64>>,
+    nis_inside: Vec<Option<f64>>,
+    nees: Vec<Option<f64>>,
+    nees_inside: Vec<Option<f64>>,
+    nees_fused: Option<f64>,
+    nees_fused_inside: Option<f64>,
+    failed: &'a [f64],
+}
+
+impl<'a> Statistics<'a> {
+    fn new(m: &'a Moment, estimator: &Estimator) -> Self {
+        let rows = |list: &[[f64; 5]]| list.iter().map(|q| numbers(q)).collect();
+        Self {
+            p: &m.p,
+            p_std: &m.p_std,
+            p_quantiles: &m.p_quantiles,
+            identified: &m.identified,
+            theta_hat: estimator.theta_hat(&m.p),
+            theta_hat_quantiles: rows(&m.theta_hat_quantiles),
+            x_error_rms: number(m.x_error_rms),
+            x_error_mean: numbers(&m.x_error_mean),
+            x_error_std: numbers(&m.x_error_std),
+            x_error_quantiles: rows(&m.x_error_quantiles),
+            x_error_norm_quantiles: numbers(&m.x_error_norm_quantiles),
+            nis: numbers(&m.nis),
+            nis_inside: numbers(&m.nis_inside),
+            nees: numbers(&m.nees),
+            nees_inside: numbers(&m.nees_inside),
+            nees_fused: number(m.nees_fused),
+            nees_fused_inside: number(m.nees_fused_inside),
+            failed: &m.failed,
+        }
+    }
+}
 
 /// A report.
 #[derive(Serialize)]
 struct Row<'a> {
     k: u64,
     t: f64,
-    p: &'a [f64],
-    p_std: &'a [f64],
-    identified: &'a [f64],
-    theta_hat: Vec<f64>,
-    x_error_rms: Option<f64>,
-    nis: Vec<Option<f64>>,
+    #[serde(flatten)]
+    statistics: Statistics<'a>,
 }
 
 /// The end of one trial.
@@ -44,13 +89,13 @@ struct Document<'a> {
     dt: f64,
     trials: u64,
     seed: u64,
+    states: &'a [String],
+    quantile_levels: [f64; 5],
+    nis_band: Vec<Option<f64>>,
+    nees_band: Vec<Option<f64>>,
     log_weights: Vec<Option<f64>>,
-    p: &'a [f64],
-    theta_hat: Vec<f64>,
-    identified: &'a [f64],
-    x_error_rms: Option<f64>,
-    nis: Vec<Option<f64>>,
-    failed: &'a [f64],
+    #[serde(flatten)]
+    statistics: Statistics<'a>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     per_trial: Vec<Each>,
     record: Vec<Row<'a>>,
@@ -93,12 +138,7 @@ pub(super) fn json(
     let rows = summary.record.iter().map(|m| Row {
         k: m.step,
         t: m.step as f64 * simulation.dt,
-        p: &m.p,
-        p_std: &m.p_std,
-        identified: &m.identified,
-        theta_hat: estimator.theta_hat(&m.p),
-        x_error_rms: number(m.x_error_rms),
-        nis: numbers(&m.nis),
+        statistics: Statistics::new(m, estimator),
     });
     let document = Document {
         schema: "mmae.run/1",
@@ -111,13 +151,12 @@ pub(super) fn json(
         dt: simulation.dt,
         trials: summary.trials,
         seed: summary.seed,
+        states: &estimator.names.states[..end.x_error_mean.len()],
+        quantile_levels: LEVELS,
+        nis_band: numbers(&summary.nis_band),
+        nees_band: numbers(&summary.nees_band),
         log_weights: numbers(&end.log_p),
-        p: &end.p,
-        theta_hat: estimator.theta_hat(&end.p),
-        identified: &end.identified,
-        x_error_rms: number(end.x_error_rms),
-        nis: numbers(&end.nis),
-        failed: &end.failed,
+        statistics: Statistics::new(end, estimator),
         per_trial: summary.kept.iter().map(|t| each(simulation, t, end.p.len())).collect(),
         record: rows.collect(),
     };
@@ -165,10 +204,19 @@ pub(super) fn text(
             format!("{:.6}", end.p[i]),
             format!("{:.6}", end.p_std[i]),
             significant(end.nis[i], 5),
+            significant(end.nees[i], 5),
         ]
     });
-    let head = ["model", "identified", "mean p", "std p", "mean NIS"];
+    let head = ["model", "identified", "mean p", "std p", "mean NIS", "mean NEES"];
     out.write_all(layout::grid(&head, rows).as_bytes())?;
+    let range =
+        |[low, high]: [f64; 2]| format!("{} to {}", significant(low, 4), significant(high, 4));
+    write!(out, "95 % bands where the model is right: NIS {}", range(summary.nis_band))?;
+    if summary.nees_band[0].is_finite() {
+        let fused = significant(end.nees_fused, 5);
+        write!(out, ", NEES {}; NEES of the fused state: {fused}", range(summary.nees_band))?;
+    }
+    writeln!(out)?;
     for (name, value) in estimator.parameters.iter().zip(estimator.theta_hat(&end.p)) {
         writeln!(out, "{name} = {} (mean over weights and trials)", significant(value, 6))?;
     }

@@ -398,6 +398,11 @@ impl Gains {
         poles.fold(0.0, f64::max) * self.dt
     }
 
+    /// True for observers in continuous time.
+    pub(crate) fn is_continuous(&self) -> bool {
+        self.continuous
+    }
+
     /// Where the gains come from.
     pub fn mode(&self) -> GainMode {
         self.mode

@@ -17,10 +17,11 @@ pub(crate) struct Schedule {
     pub(crate) m: usize,
     pub(crate) q: usize,
     models: usize,
-    /// `A`, `B`, `C`, the whitener of the steady `S`, `1/2 ln det 2 pi S` of each
-    /// model.
+    /// `A`, `B`, `C`, the whitener of the steady `S` (of `R` in continuous time)
+    /// and the bias of each model; nothing if they change.
     fixed: Vec<f64>,
-    /// `K`, `W`, `log_norm` of each model, step after step.
+    /// `K`, `W`, `log_norm` of each model, step after step, preceded by what is
+    /// not fixed: continuous observers whose gain changes.
     steps: Vec<f64>,
     /// Covariances that go with them, shape (step, model, state, state).
     covariances: Vec<f64>,
@@ -65,10 +66,13 @@ impl Schedule {
             covariances: Vec::new(),
             cycle: 1,
         };
-        let c = gains.coefficients();
-        for i in 0..models {
-            for panel in [&c.a, &c.b, &c.c, &c.white, &c.bias] {
-                item(panel, i, &mut made.fixed);
+        let moving = gains.is_continuous() && gains.mode() == GainMode::Recursive;
+        if !moving {
+            let c = gains.coefficients();
+            for i in 0..models {
+                for panel in [&c.a, &c.b, &c.c, &c.white, &c.bias] {
+                    item(panel, i, &mut made.fixed);
+                }
             }
         }
         let mut past: Vec<Vec<u64>> = Vec::new();
@@ -80,6 +84,10 @@ impl Schedule {
             gains.update(&present);
             let c = gains.coefficients();
             for i in 0..models {
+                let changes = [&c.a, &c.b, &c.c, &c.white, &c.bias];
+                for panel in changes.into_iter().filter(|_| moving) {
+                    item(panel, i, &mut made.steps);
+                }
                 for panel in [&c.k, &c.w, &c.log_norm] {
                     item(panel, i, &mut made.steps);
                 }
@@ -113,18 +121,29 @@ impl Schedule {
         Ok(made)
     }
 
-    /// Model `i` at step `k`, from 1.
+    /// Numbers of a model: those that may be fixed, those of every step.
     #[inline(always)]
-    pub(crate) fn at(&self, i: usize, step: usize) -> OfModel<'_> {
+    fn numbers(&self) -> [usize; 2] {
         let Self { n, m, q, .. } = *self;
-        let each = n * q + q * q + 1;
-        let fixed = &self.fixed[i * (n * n + n * m + q * n + q * q + 1)..];
+        [n * n + n * m + q * n + q * q + 1, n * q + q * q + 1]
+    }
+
+    /// Model `i` at a place of [`Schedule::place`].
+    #[inline(always)]
+    pub(crate) fn at(&self, i: usize, place: usize) -> OfModel<'_> {
+        let Self { n, m, q, .. } = *self;
+        let [may, each] = self.numbers();
+        let (fixed, moving) = if self.fixed.is_empty() {
+            let all = &self.steps[(place * self.models + i) * (may + each)..][..may + each];
+            all.split_at(may)
+        } else {
+            let moving = &self.steps[(place * self.models + i) * each..][..each];
+            (&self.fixed[i * may..][..may], moving)
+        };
         let (a, fixed) = fixed.split_at(n * n);
         let (b, fixed) = fixed.split_at(n * m);
         let (c, fixed) = fixed.split_at(q * n);
-        let moving = &self.steps[(step * self.models + i) * each..];
         let (k, moving) = moving.split_at(n * q);
-        let w = &moving[..q * q];
         OfModel {
             a,
             b,
@@ -132,7 +151,7 @@ impl Schedule {
             white: &fixed[..q * q],
             bias: fixed[q * q],
             k,
-            w,
+            w: &moving[..q * q],
             log_norm: moving[q * q],
         }
     }
@@ -152,7 +171,8 @@ impl Schedule {
     /// Where the coefficients of step `k`, from 1, are kept.
     #[inline(always)]
     pub(crate) fn place(&self, k: u64) -> usize {
-        let each = (self.n * self.q + self.q * self.q + 1) * self.models;
+        let [may, each] = self.numbers();
+        let each = (if self.fixed.is_empty() { may + each } else { each }) * self.models;
         let kept = self.steps.len() / each;
         match usize::try_from(k - 1) {
             Ok(step) if step < kept => step,

@@ -44,19 +44,7 @@ impl DelayLine {
 
     /// A delay of a whole number of samples of a discrete plant.
     pub(crate) fn whole_samples(plant: &Plant, delay: f64, dt: f64) -> Result<Self> {
-        let steps = delay / dt;
-        let whole = steps.round();
-        if (steps - whole).abs() > 1e-9 * whole.max(1.0) || whole > 1e4 {
-            return Err(Error::Range {
-                what: "actuator delay".into(),
-                value: delay,
-                remedy: format!(
-                    "a discrete plant takes a whole number of samples (dt = {dt} s), up to 10000"
-                ),
-            });
-        }
-        // whole <= 1e4 was checked above
-        Ok(Self::chain(plant.B.as_ref(), None, whole as usize))
+        Ok(Taps::whole_samples(plant, delay, dt)?.line())
     }
 
     /// `B0` acts on the command `steps` samples ago, `B1` on the one before.
@@ -90,6 +78,46 @@ impl DelayLine {
             act(steps + 1, b1);
         }
         line
+    }
+}
+
+/// Where a delayed command acts on a sampled plant.
+///
+/// ```text
+/// x(k+1) = .. + B0 u(k - steps) + B1 u(k - steps - 1)
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+pub(crate) struct Taps {
+    /// Whole samples of the delay.
+    pub(crate) steps: usize,
+    /// Of the later command.
+    pub(crate) B0: Mat<f64>,
+    /// Of the earlier one; `None` for a delay of whole samples.
+    pub(crate) B1: Option<Mat<f64>>,
+}
+
+impl Taps {
+    /// A delay of a whole number of samples of a discrete plant.
+    pub(crate) fn whole_samples(plant: &Plant, delay: f64, dt: f64) -> Result<Self> {
+        let steps = delay / dt;
+        let whole = steps.round();
+        if !((steps - whole).abs() <= 1e-9 * whole.max(1.0) && (0.0..=1e4).contains(&whole)) {
+            return Err(Error::Range {
+                what: "actuator delay".into(),
+                value: delay,
+                remedy: format!(
+                    "a discrete plant takes a whole number of samples (dt = {dt} s), up to 10000"
+                ),
+            });
+        }
+        // 0 <= whole <= 1e4 was checked above
+        Ok(Self { steps: whole as usize, B0: plant.B.clone(), B1: None })
+    }
+
+    /// As states.
+    fn line(&self) -> DelayLine {
+        DelayLine::chain(self.B0.as_ref(), self.B1.as_ref().map(Mat::as_ref), self.steps)
     }
 }
 
@@ -240,6 +268,12 @@ pub fn van_loan(
 /// # Errors
 /// `InvalidDt`, `Range` for the delay, `Conflict` for a discrete plant.
 pub fn sample(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, DelayLine)> {
+    let (sampled, taps) = sample_taps(plant, dt, delay)?;
+    Ok((sampled, taps.line()))
+}
+
+/// As [`sample`], with the delay as the commands that act.
+pub(crate) fn sample_taps(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, Taps)> {
     if !plant.time.is_continuous() {
         return Err(Error::Conflict {
             problem: "a discrete plant cannot be sampled again".into(),
@@ -273,15 +307,15 @@ pub fn sample(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, DelayLine)> 
     }
     // at most 1e4, checked above
     let steps = steps as usize;
-    let line = if rest <= 1e-9 * dt {
-        DelayLine::chain(sampled.B.as_ref(), None, steps)
+    let taps = if rest <= 1e-9 * dt {
+        Taps { steps, B0: sampled.B.clone(), B1: None }
     } else {
         let early = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), dt - rest)?;
         let late = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), rest)?;
         let b1 = &early.A * &late.B;
-        DelayLine::chain(early.B.as_ref(), Some(b1.as_ref()), steps)
+        Taps { steps, B0: early.B, B1: Some(b1) }
     };
-    Ok((sampled, line))
+    Ok((sampled, taps))
 }
 
 impl Controller {

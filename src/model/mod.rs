@@ -21,6 +21,7 @@ pub(crate) use check::check_count;
 pub use check::{check_covariance, check_finite, check_shape};
 pub(crate) use close::{Around, Closing, psd_factor};
 pub use discretize::{DelayLine, Sampled, pade_delay, sample, van_loan};
+pub(crate) use discretize::{Taps, sample_taps};
 pub use family::{Family, FnFamily, Parameter, describe};
 pub use grid::{Axis, Grid};
 pub use loop_block::{DelayForm, Delayed, LoopBlock, Surroundings, block_states};

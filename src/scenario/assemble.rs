@@ -115,6 +115,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
             input: maybe(input)?.or(brought.input),
             pade_order: actuator.pade,
         },
+        delay: actuator.delay.map_or(0.0, |(delay, _)| delay),
         bank,
         start,
         explicit: models,
@@ -229,7 +230,8 @@ fn without_effect(reader: &Reader<'_>, scenario: &Scenario) {
         let message = "without effect: the filter of [disturbance] has its own intensity";
         warn("plant.Q", message, "give disturbance.Q, or remove this one");
     }
-    if around.controller.is_none() && around.input.is_none() {
+    let driven = !scenario.signals.inputs.is_empty();
+    if around.controller.is_none() && around.input.is_none() && !driven {
         for key in ["eip.delays", "actuator.delay"] {
             let message = "without effect: nothing drives the inputs";
             warn(key, message, "add [controller] or [input], or remove the delay");

@@ -73,6 +73,8 @@ pub struct Scenario {
     title: Option<String>,
     family: Arc<ExpressionFamily>,
     surroundings: Surroundings,
+    /// Seconds from the command to the plant.
+    delay: f64,
     bank: Option<Bank>,
     explicit: Option<Explicit>,
     start: Option<Start>,

@@ -23,7 +23,13 @@ pub(super) struct Places {
 impl Places {
     /// `error` with the key that is responsible for it.
     pub(super) fn explain(&self, error: crate::Error) -> Error {
-        let key = responsible(&error);
+        let mut key = responsible(&error);
+        if key == "eip.delays" && !self.keys.contains_key("eip.delays") {
+            key = "actuator.delay".into();
+        }
+        if key == "eip.memory_limit" && !self.keys.contains_key("eip") {
+            key = "run".into();
+        }
         let mut place = None;
         if let Some((letter, row, col)) = entry(&error)
             && let Some((cols, places)) = self.entries.get(letter)
@@ -33,7 +39,6 @@ impl Places {
         }
         // the nearest key above one that was left out
         let mut at = match key.as_str() {
-            "eip.delays" if !self.keys.contains_key("eip.delays") => "actuator.delay",
             "eip" if self.keys.contains_key("weighting") => "weighting",
             "eip" if !self.keys.contains_key("eip") => "bank",
             key => key,

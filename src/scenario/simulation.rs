@@ -85,12 +85,6 @@ impl Scenario {
         let Some(run) = &self.run else {
             return Err(self.missing("run", "add [run] with steps, and perhaps trials and seed"));
         };
-        let around = &self.surroundings;
-        if around.controller.is_some() || around.input.is_some() {
-            let key = if around.controller.is_some() { "controller" } else { "input" };
-            let message = "signals that drive the plant are not simulated";
-            return Err(self.fault(key, message, "remove it to simulate the open loop"));
-        }
         let dt = match (self.family.time(), estimator.settings.dt) {
             (Time::Discrete { dt }, _) => dt,
             (Time::Continuous, dt) => dt.unwrap_or(f64::NAN),
@@ -125,7 +119,9 @@ impl Scenario {
                 phases,
                 x0,
                 P0: written.p0.clone(),
-                inputs: None,
+                controller: self.surroundings.controller.clone(),
+                input: self.surroundings.input.clone(),
+                delay: self.delay,
                 signals: self.signals.clone(),
             },
             estimator,

@@ -1,5 +1,5 @@
 //! Trials one by one through the engine, for what does not fit in lanes: states
-//! that are mixed, continuous observers.
+//! that are mixed, Dunn's law as a differential equation.
 
 use super::consistency::{Spread, leading};
 use super::monte_carlo::Plan;
@@ -10,8 +10,8 @@ use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Block, Kernel, groups, load_group, store_group};
 
-/// Takes in step, state and measurement of eight trials.
-type Sink<'a> = dyn FnMut(u64, &[Block], &[Block]) -> Result<()> + 'a;
+/// Takes in step, state, command and measurement of eight trials.
+type Sink<'a> = dyn FnMut(u64, &[Block], &[Block], &[Block]) -> Result<()> + 'a;
 
 /// Simulates eight trials and hands every step to `sink`.
 struct Simulate<'a> {
@@ -29,15 +29,18 @@ impl Kernel for Simulate<'_> {
         let mut walks: Vec<Walk<'_, T>> = (0..groups::<T>())
             .map(|group| Walk::new(source, self.plan.seed, self.first, group))
             .collect();
-        let (mut x, mut y) = (vec![Block::default(); source.n], vec![Block::default(); source.q]);
+        let room = |len: usize| vec![Block::default(); len];
+        let inputs = walks.first().map_or(0, |w| w.u.len());
+        let (mut x, mut y, mut u) = (room(source.n), room(source.q), room(inputs));
         let mut seen = vec![T::zero(); source.q];
         for k in 1..=self.plan.steps {
             for (group, walk) in walks.iter_mut().enumerate() {
                 walk.step(&mut seen);
                 store_group(&walk.x, group, &mut x);
+                store_group(&walk.u, group, &mut u);
                 store_group(&seen, group, &mut y);
             }
-            (self.sink)(k, &x, &y)?;
+            (self.sink)(k, &x, &u, &y)?;
         }
         Ok(())
     }
@@ -62,20 +65,23 @@ pub(super) fn run(
     let mut own: Vec<Option<Trajectory>> = (first..first + valid as u64)
         .map(|trial| plan.keeps(trial).then(|| Trajectory { trial, ..Trajectory::default() }))
         .collect();
-    let idle = vec![0.0; m];
-    let mut y = vec![0.0; q];
+    let (mut u, mut y) = (vec![0.0; m], vec![0.0; q]);
     let mut report = 0;
-    let mut sink = |k: u64, x: &[Block], measured: &[Block]| -> Result<()> {
-        let u = plan.source.input(k);
-        let u = if u.is_empty() { &idle } else { u };
+    let mut sink = |k: u64, x: &[Block], sent: &[Block], measured: &[Block]| -> Result<()> {
         let reports = plan.reports(k);
         for (l, engine) in engines.iter_mut().enumerate() {
+            if !sent.is_empty() {
+                load_group(sent, l, &mut u);
+            }
             load_group(measured, l, &mut y);
+            // a plant that has run away measures nothing, and drives nothing
             for v in &mut y {
-                // a plant that has run away measures nothing
                 *v = if v.is_finite() { *v } else { f64::NAN };
             }
-            engine.step(u, &y)?;
+            for v in &mut u {
+                *v = if v.is_finite() { *v } else { 0.0 };
+            }
+            engine.step(&u, &y)?;
             let e = engine.estimate();
             if !reports {
                 continue;
@@ -106,6 +112,7 @@ pub(super) fn run(
                 kept.x.extend(&state);
                 kept.x_hat.extend(&e.x_hat);
                 kept.y.extend(&y);
+                kept.u.extend(&u[..sent.len()]);
                 kept.log_p.extend(&e.log_p);
             }
         }

@@ -8,7 +8,7 @@ use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
 use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Kernel, groups};
-use crate::weight::{Evidence, Weights};
+use crate::weight::{Evidence, Law, Weights};
 
 /// Which norm the residuals of the law are judged by.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +54,8 @@ struct Filters<'a, T> {
     x: Vec<T>,
     next: Vec<T>,
     r: Vec<T>,
-    u: Vec<T>,
+    end: Vec<T>,
+    /// What the law takes for the log-likelihood.
     log_lik: Vec<T>,
     energy: Vec<T>,
     nis: Vec<T>,
@@ -64,22 +65,18 @@ impl<T: Real> Filters<'_, T> {
     /// Predicts (unless `moves` is false), innovates and corrects every model.
     ///
     /// ```text
-    /// x <- A x + B u,   r = y - C x,   x <- x + K r
+    /// discrete     x <- A x + B u,   r = y - C x,   x <- x + K r
+    /// continuous   r = y - C x,   x <- A x + B u + K r
     /// ```
     #[inline(always)]
-    fn step(&mut self, k: u64, moves: bool, y: &[T]) {
+    fn step(&mut self, k: u64, moves: bool, u: &[T], y: &[T]) {
         let Schedule { n, q, .. } = *self.coefficients;
-        let inputs = self.plan.source.input(k);
-        for j in 0..inputs.len() {
-            self.u[j] = T::splat(inputs[j]);
-        }
-        let u = &self.u[..inputs.len()];
         let place = self.coefficients.place(k);
-        let zhang = self.plan.zhang;
+        let (zhang, hold) = (self.plan.zhang, self.plan.hold);
         for i in 0..self.nis.len() {
             let c = self.coefficients.at(i, place);
             let x = &mut self.x[i * n..][..n];
-            if moves {
+            if moves && hold.is_none() {
                 propagate(Repeat(c.a), Repeat(c.b), u, x, &mut self.next);
             }
             let r = &mut self.r[..q];
@@ -110,7 +107,17 @@ impl<T: Real> Filters<'_, T> {
                     }
                 };
             }
+            if hold.is_some() {
+                propagate(Repeat(c.a), Repeat(c.b), u, x, &mut self.next);
+            }
             correct(Repeat(c.k), r, x);
+            if let (Some(dt), Law::Likelihood) = (hold, self.plan.law) {
+                // -(|r_0|^2 + |r_1|^2) / 4 - tr(C L) / 2, times dt
+                innovate(Repeat(c.c), x, y, &mut self.end);
+                let ends = whiten(Repeat(c.white), r) + whiten(Repeat(c.white), &self.end);
+                let rate = T::splat(0.25) * ends + T::splat(c.bias);
+                self.log_lik[i] = -rate * T::splat(dt);
+            }
             if self.plan.failed[i] {
                 let gone = T::splat(f64::NAN);
                 (self.log_lik[i], self.energy[i], self.nis[i]) = (gone, gone, gone);
@@ -123,7 +130,7 @@ impl Eight<'_, '_> {
     #[inline(always)]
     fn group<T: Real>(&mut self, group: usize) -> Result<()> {
         let plan = self.plan;
-        let Schedule { n, m, q, .. } = *self.coefficients;
+        let Schedule { n, q, .. } = *self.coefficients;
         let models = plan.prior.len();
         let mut walk = Walk::<T>::new(&plan.source, plan.seed, self.first, group);
         let mut filters = Filters {
@@ -132,7 +139,7 @@ impl Eight<'_, '_> {
             x: plan.x_hat.iter().map(|&v| T::splat(v)).collect(),
             next: vec![T::zero(); n],
             r: vec![T::zero(); q],
-            u: vec![T::zero(); m],
+            end: vec![T::zero(); q],
             log_lik: vec![T::zero(); models],
             energy: vec![T::zero(); models],
             nis: vec![T::zero(); models],
@@ -154,16 +161,16 @@ impl Eight<'_, '_> {
             .collect();
         for k in 1..=plan.steps {
             walk.step(&mut y);
-            let moves = k > 1 || plan.moves_first;
+            let moves = k > 1 || plan.moves_first || plan.hold.is_some();
             if moves {
                 weights.predict();
             }
-            filters.step(k, moves, &y);
+            filters.step(k, moves, &walk.u, &y);
             let _ = weights.step(&Evidence {
                 log_lik: &filters.log_lik,
                 increment: &filters.log_lik,
                 energy: &filters.energy,
-                dt: 1.0,
+                dt: plan.hold.unwrap_or(1.0),
                 nodes: None,
             });
             if !plan.reports(k) {
@@ -194,6 +201,7 @@ impl Eight<'_, '_> {
                 of(&walk.x, &mut kept.x);
                 of(&scratch.fused, &mut kept.x_hat);
                 of(&y, &mut kept.y);
+                of(&walk.u, &mut kept.u);
                 of(weights.log_p(), &mut kept.log_p);
             }
         }

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! x(k) = A x(k-1) + B u(k) + G w(k),   y(k) = C x(k) + v(k)      the truth, per trial
+//! u(k+1) = K y(k) + u_ext(k+1)                                   its loop, see Truth
 //! predict, innovate, weigh, fuse                                 the bank, per trial
 //! mean p, fraction identified, sqrt(mean |x - x_hat|^2), ..      over all trials
 //! ```
@@ -9,8 +10,8 @@
 //! Trials stand in lanes, eight at a time, and all models of a bank share the
 //! measurements of each trial. Covariances and gains do not depend on the data:
 //! their recursion runs once, until it repeats itself by bits. Where states are
-//! mixed (interacting models, re-seeding) and for continuous observers each
-//! trial goes through [`Mmae`](crate::engine::Mmae) by itself.
+//! mixed (interacting models, re-seeding) and for Dunn's differential equation
+//! each trial goes through [`Mmae`](crate::engine::Mmae) by itself.
 //!
 //! Random numbers are keyed by seed and trial ([`Streams`]), and sums are taken
 //! in chunks of a fixed size in the order of the trials: results have the same

@@ -101,6 +101,8 @@ pub(super) struct Plan {
     /// False if the matrices `P` of the observers are no covariances.
     pub(super) covariances: bool,
     pub(super) shape: Shape,
+    /// Continuous observers: seconds over which signals are held.
+    pub(super) hold: Option<f64>,
     pub(super) seed: u64,
     pub(super) steps: u64,
     every: u64,
@@ -155,7 +157,7 @@ impl MonteCarlo {
             }
         }
         let engine = Mmae::new(&self.members, &self.settings, &self.weighting, &self.prior)?;
-        let plan = self.plan(&engine)?;
+        let plan = self.plan(&engine, control)?;
         let models = plan.prior.len();
         let reports = self.steps.checked_div(self.every).unwrap_or(0)
             + u64::from(self.every == 0 || !self.steps.is_multiple_of(self.every));
@@ -171,7 +173,7 @@ impl MonteCarlo {
                 remedy: "report fewer steps (every) or keep fewer trials",
             });
         }
-        let coefficients = if self.in_lanes(&engine) {
+        let coefficients = if self.in_lanes() {
             let (mut gains, _) = Gains::new(&self.members, &self.settings)?;
             let sizes = engine.bank().sizes();
             let made = Schedule::new(&mut gains, sizes, models, self.steps, plan.moves_first)?;
@@ -285,12 +287,12 @@ impl MonteCarlo {
 
     /// True if the trials can run in lanes: all that differs between them is
     /// states and weights.
-    fn in_lanes(&self, engine: &Mmae) -> bool {
-        !engine.bank().is_continuous()
+    fn in_lanes(&self) -> bool {
+        !matches!(self.weighting.law, Law::Ode { .. })
             && matches!(self.weighting.mixing, Mixing::None | Mixing::Markov(_))
     }
 
-    fn plan(&self, engine: &Mmae) -> Result<Plan> {
+    fn plan(&self, engine: &Mmae, control: &RunControl<'_>) -> Result<Plan> {
         let bank = engine.bank();
         let [n, m, q] = bank.sizes();
         let moves_first = self.members.start == StartTime::StepBefore;
@@ -299,7 +301,7 @@ impl MonteCarlo {
             (false, true) => Timing::MoveFirst,
             (false, false) => Timing::MeasureAtStart,
         };
-        let source = Source::new(&self.truth, timing, bank.dt())?;
+        let source = Source::new(&self.truth, timing, bank.dt(), control)?;
         if source.q != q || source.m != m {
             let plant = [source.q, source.m];
             return Err(Error::Shape {
@@ -334,6 +336,8 @@ impl MonteCarlo {
             zhang: matches!(self.weighting.law, Law::Zhang { .. }),
             norm: match &self.weighting.innovation {
                 Innovation::Filter => Norm::Filter,
+                // a sample of a continuous observer has one norm
+                Innovation::Steady if bank.is_continuous() => Norm::Filter,
                 Innovation::Steady => Norm::Steady,
                 Innovation::Common(w) => Norm::Common(norm_factor(w, q)?),
             },
@@ -348,6 +352,7 @@ impl MonteCarlo {
             moves_first,
             covariances: self.members.observer != ObserverKind::Krener,
             shape,
+            hold: bank.is_continuous().then(|| bank.dt()),
             seed: self.seed,
             steps: self.steps,
             every: self.every,

@@ -21,6 +21,9 @@ pub struct Trajectory {
     pub x_hat: Vec<f64>,
     /// Measurement, shape (step, output).
     pub y: Vec<f64>,
+    /// Command before the actuator delay, shape (step, input); nothing if nothing
+    /// drives the plant.
+    pub u: Vec<f64>,
     /// Logarithms of the weights, shape (step, model).
     pub log_p: Vec<f64>,
 }

@@ -1,5 +1,8 @@
 //! Simulation: random numbers, Monte-Carlo tables, the same bits everywhere.
 
+mod closed;
+#[path = "../common/mod.rs"]
+mod common;
 mod laws;
 mod random;
 mod setup;

@@ -71,7 +71,7 @@ fn disturbance(plant: &Plant) -> Mat<f64> {
 }
 
 /// `L^-1` and `ln det S` for `S = L L'`.
-pub(super) fn whitener(what: &str, s: MatRef<'_, f64>) -> Result<(Mat<f64>, f64)> {
+pub(crate) fn whitener(what: &str, s: MatRef<'_, f64>) -> Result<(Mat<f64>, f64)> {
     let q = s.nrows();
     let mut l: Vec<f64> = (0..q * q).map(|e| s[(e / q, e % q)]).collect();
     if !cholesky(Dyn(q), &mut l) {

@@ -26,6 +26,7 @@ mod states;
 mod stream;
 
 pub use gains::{Coefficients, GainMode, Gains, Settings};
+pub(crate) use matrices::whitener;
 pub use members::{Initial, Members, StartTime};
 pub(crate) use schedule::Schedule;
 pub(crate) use states::{Repeat, correct, innovate, propagate, whiten};

@@ -75,7 +75,7 @@ pub(super) const SIGNALS: &[&str] = &["inputs", "disturbances", "noise"];
 pub(super) const WAVE: &[&str] =
     &["wave", "amplitude", "period", "omega", "phase", "t", "value", "intensity", "decay"];
 /// `[run]`.
-pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every"];
+pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every", "measurement"];
 /// `[eip]`.
 pub(super) const EIP: &[&str] =
     &["grid", "convention", "dt", "delays", "verify", "method", "memory_limit"];

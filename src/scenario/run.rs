@@ -5,6 +5,10 @@ use toml::de::DeValue;
 use super::keys;
 use super::reader::{Reader, Value};
 use super::table::Table;
+use crate::sim::Measurement;
+
+const MEASUREMENTS: [(&str, Measurement); 2] =
+    [("sampled", Measurement::Sampled), ("continuous", Measurement::Continuous)];
 
 /// `[run]`, read.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,6 +17,7 @@ pub(super) struct Run {
     pub(super) trials: u64,
     pub(super) seed: u64,
     pub(super) every: u64,
+    pub(super) measurement: Measurement,
 }
 
 /// How long a trial is.
@@ -51,5 +56,15 @@ pub(super) fn read<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<Run> {
         None => Some(default),
     };
     let (trials, seed, every) = (whole("trials", 1, 1), whole("seed", 0, 1), whole("every", 0, 0));
-    Some(Run { length: length?, trials: trials?, seed: seed?, every: every? })
+    let measurement = match table.get("measurement") {
+        Some(value) => reader.choice("run.measurement", value, &MEASUREMENTS),
+        None => Some(Measurement::Sampled),
+    };
+    Some(Run {
+        length: length?,
+        trials: trials?,
+        seed: seed?,
+        every: every?,
+        measurement: measurement?,
+    })
 }

@@ -4,7 +4,7 @@ use super::run::Length;
 use super::truth::Written;
 use super::{Error, Estimator, Scenario};
 use crate::model::{Family, Plant, Time};
-use crate::sim::{MonteCarlo, Truth};
+use crate::sim::{Measurement, MonteCarlo, Truth};
 
 /// A bank, the plant that is really there, and how often it is run.
 #[derive(Debug, Clone)]
@@ -19,6 +19,8 @@ pub struct Simulation {
     pub steps: u64,
     /// Trials.
     pub trials: u64,
+    /// How the observers see the plant.
+    pub measurement: Measurement,
     /// Seed of the random numbers.
     pub seed: u64,
     /// Steps between two reports, 0 for the end only.
@@ -36,6 +38,7 @@ impl Simulation {
             truth: self.truth.clone(),
             steps: self.steps,
             trials: self.trials,
+            measurement: self.measurement,
             seed: self.seed,
             every: self.every,
             keep,
@@ -128,6 +131,7 @@ impl Scenario {
             dt,
             steps,
             trials: run.trials,
+            measurement: run.measurement,
             seed: run.seed,
             every: run.every,
         })

@@ -2,7 +2,8 @@
 
 use super::consistency::Spreads;
 use super::monte_carlo::Plan;
-use super::tally::{Report, Scratch, Tally, Trajectory};
+use super::recorder::{Recorder, Seen};
+use super::tally::{Tally, Trajectory};
 use super::truth::Walk;
 use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
 use crate::error::Result;
@@ -151,14 +152,7 @@ impl Eight<'_, '_> {
             &plan.prior,
         )?;
         let mut y = vec![T::zero(); q];
-        let mut scratch = Scratch::new(&plan.shape);
-        let mut report = 0;
-        let mut kept: Vec<(usize, Trajectory)> = (0..T::LANES)
-            .filter(|l| group * T::LANES + l < self.valid)
-            .map(|l| (l, self.first + (group * T::LANES + l) as u64))
-            .filter(|(_, trial)| plan.keeps(*trial))
-            .map(|(l, trial)| (l, Trajectory { trial, ..Trajectory::default() }))
-            .collect();
+        let mut recorder = Recorder::new(plan, self.first, self.valid, group);
         for k in 1..=plan.steps {
             walk.step(&mut y);
             let moves = k > 1 || plan.moves_first || plan.hold.is_some();
@@ -173,39 +167,18 @@ impl Eight<'_, '_> {
                 dt: plan.hold.unwrap_or(1.0),
                 nodes: None,
             });
-            if !plan.reports(k) {
-                continue;
-            }
-            for i in 0..models {
-                // a member that ran away
-                let mut good = filters.nis[i].eq(filters.nis[i]);
-                for j in 0..n {
-                    good = good & filters.x[i * n + j].is_finite();
-                }
-                filters.log_lik[i] = T::select(good, T::zero(), T::splat(f64::NAN));
-            }
-            let seen = Report {
-                log_p: weights.log_p(),
-                nis: &filters.nis,
-                alive: &filters.log_lik,
+            let seen = Seen {
                 x: &walk.x,
+                y: &y,
+                u: &walk.u,
                 x_hat: &filters.x,
+                nis: &filters.nis,
+                log_p: weights.log_p(),
                 spread: self.spreads.at(self.coefficients.place(k)),
             };
-            self.tally.add(&seen, &mut scratch, group, report);
-            report += 1;
-            for (l, kept) in &mut kept {
-                let of = |values: &[T], out: &mut Vec<f64>| {
-                    out.extend(values.iter().map(|v| v.lane(*l)));
-                };
-                of(&walk.x, &mut kept.x);
-                of(&scratch.fused, &mut kept.x_hat);
-                of(&y, &mut kept.y);
-                of(&walk.u, &mut kept.u);
-                of(weights.log_p(), &mut kept.log_p);
-            }
+            recorder.step(k, &seen, self.tally);
         }
-        self.kept.extend(kept.into_iter().map(|(_, t)| t));
+        recorder.finish(self.kept);
         Ok(())
     }
 }

@@ -11,7 +11,9 @@
 //! measurements of each trial. Covariances and gains do not depend on the data:
 //! their recursion runs once, until it repeats itself by bits. Where states are
 //! mixed (interacting models, re-seeding) and for Dunn's differential equation
-//! each trial goes through [`Mmae`](crate::engine::Mmae) by itself.
+//! each trial goes through [`Mmae`](crate::engine::Mmae) by itself. With
+//! [`Measurement::Continuous`] plant and continuous observers are integrated as
+//! one system.
 //!
 //! Random numbers are keyed by seed and trial ([`Streams`]), and sums are taken
 //! in chunks of a fixed size in the order of the trials: results have the same
@@ -20,18 +22,20 @@
 
 mod alone;
 mod consistency;
+mod joint;
 mod lanes;
 mod moment;
 mod monte_carlo;
 mod quantile;
 mod random;
+mod recorder;
 mod signal;
 mod tally;
 mod truth;
 
 pub use consistency::chi_square_band;
 pub use moment::{Moment, Summary};
-pub use monte_carlo::MonteCarlo;
+pub use monte_carlo::{Measurement, MonteCarlo};
 pub use quantile::LEVELS;
 pub use random::{SplitMix64, Streams};
 pub use signal::{Signal, Signals, Term, Wave};

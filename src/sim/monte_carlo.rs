@@ -2,12 +2,13 @@
 
 use super::alone;
 use super::consistency::{Spreads, chi_square_band};
+use super::joint::{Joint, Unsampled};
 use super::lanes::{Eight, Norm};
 use super::moment::{Summary, moment};
 use super::quantile::Sample;
 use super::tally::{CHUNK, Shape, Tally, Trajectory};
 use super::truth::{Source, Timing, Truth};
-use crate::bank::{Gains, Members, Schedule, Settings, StartTime, norm_factor};
+use crate::bank::{GainMode, Gains, Members, Schedule, Settings, StartTime, norm_factor};
 use crate::engine::{Innovation, Mixing, Mmae, Weighting};
 use crate::error::{Error, Result};
 use crate::observer::ObserverKind;
@@ -15,6 +16,8 @@ use crate::par::{RunControl, map_chunks, map_parts};
 use crate::simd::{LANES, dispatch};
 use crate::weight::{Law, Modifiers, Transition};
 
+/// Parts of a step of an integral along it; even.
+const PARTS: usize = 8;
 /// Chunks whose results are held at once, at most and at least.
 const ROUND: usize = 256;
 const LEAST: usize = 8;
@@ -30,7 +33,7 @@ const LIMIT: u128 = 4 << 30;
 /// use mmae::model::{Family, systems};
 /// use mmae::observer::ObserverKind;
 /// use mmae::par::RunControl;
-/// use mmae::sim::{MonteCarlo, Truth};
+/// use mmae::sim::{Measurement, MonteCarlo, Truth};
 /// use mmae::{Mat, mat};
 /// let family = systems::tracker();
 /// let plant = |rho| family.plant(&family.theta_with(&[("rho", rho)])?);
@@ -45,6 +48,7 @@ const LIMIT: u128 = 4 << 30;
 ///     truth: Truth { x0, ..Truth::new(plant(1.0)?) },
 ///     steps: 50,
 ///     trials: 100,
+///     measurement: Measurement::Sampled,
 ///     seed: 1,
 ///     every: 0,
 ///     keep: Vec::new(),
@@ -72,6 +76,8 @@ pub struct MonteCarlo {
     pub steps: u64,
     /// Trials, at least one.
     pub trials: u64,
+    /// How the observers see the plant.
+    pub measurement: Measurement,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Report every so many steps, 0 for the end only; the end always is.
@@ -81,6 +87,17 @@ pub struct MonteCarlo {
     /// Parameter values, one list a model, for the estimate
     /// `theta_hat = sum p_i theta_i`; none if there are no lists.
     pub values: Vec<Vec<f64>>,
+}
+
+/// How the observers see the plant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Measurement {
+    /// At the steps; continuous observers hold what they saw until the next.
+    #[default]
+    Sampled,
+    /// All the time: continuous observers with steady gains and Dunn's laws,
+    /// integrated together with the plant. White noise is held over a step.
+    Continuous,
 }
 
 /// All that is the same for every trial.
@@ -122,6 +139,16 @@ impl Plan {
     }
 }
 
+/// How trials are run.
+enum Route {
+    /// Eight at a time, gains shared.
+    Lanes { coefficients: Schedule, spreads: Spreads },
+    /// Eight at a time, plant and observers as one system.
+    Joint { joint: Box<Joint>, spreads: Spreads },
+    /// One by one through the engine.
+    Alone,
+}
+
 /// Results of a chunk of trials, see [`Tally`].
 struct Part {
     trials: usize,
@@ -158,7 +185,6 @@ impl MonteCarlo {
         }
         let engine = Mmae::new(&self.members, &self.settings, &self.weighting, &self.prior)?;
         let plan = self.plan(&engine, control)?;
-        let models = plan.prior.len();
         let reports = self.steps.checked_div(self.every).unwrap_or(0)
             + u64::from(self.every == 0 || !self.steps.is_multiple_of(self.every));
         let axes = plan.shape.axes();
@@ -173,17 +199,7 @@ impl MonteCarlo {
                 remedy: "report fewer steps (every) or keep fewer trials",
             });
         }
-        let coefficients = if self.in_lanes() {
-            let (mut gains, _) = Gains::new(&self.members, &self.settings)?;
-            let sizes = engine.bank().sizes();
-            let made = Schedule::new(&mut gains, sizes, models, self.steps, plan.moves_first)?;
-            Some(made)
-        } else {
-            None
-        };
-        let spreads = coefficients
-            .as_ref()
-            .map(|c| Spreads::new(c, models, plan.shape.common, plan.covariances));
+        let route = self.route(&engine, &plan)?;
         let reports = reports as usize;
         let work = |first: u64, trials: usize| -> Result<Part> {
             let mut tally = Tally::new(&plan.shape, reports);
@@ -191,17 +207,17 @@ impl MonteCarlo {
             for start in (0..trials).step_by(LANES) {
                 let (first, valid) = (first + start as u64, LANES.min(trials - start));
                 tally.begin(start, valid);
-                match (&coefficients, &spreads) {
-                    (Some(coefficients), Some(spreads)) => dispatch(Eight {
-                        plan: &plan,
-                        coefficients,
-                        first,
-                        valid,
-                        spreads,
-                        tally: &mut tally,
-                        kept: &mut kept,
-                    })?,
-                    _ => alone::run(&plan, &engine, first, valid, &mut tally, &mut kept)?,
+                let (tally, kept, plan) = (&mut tally, &mut kept, &plan);
+                match &route {
+                    Route::Lanes { coefficients, spreads } => {
+                        let eight =
+                            Eight { plan, coefficients, first, valid, spreads, tally, kept };
+                        dispatch(eight)?;
+                    }
+                    Route::Joint { joint, spreads } => {
+                        dispatch(Unsampled { plan, joint, first, valid, spreads, tally, kept })?;
+                    }
+                    Route::Alone => alone::run(plan, &engine, first, valid, tally, kept)?,
                 }
             }
             let (sums, values) = tally.finish();
@@ -285,11 +301,55 @@ impl MonteCarlo {
         Ok(total)
     }
 
-    /// True if the trials can run in lanes: all that differs between them is
-    /// states and weights.
-    fn in_lanes(&self) -> bool {
-        !matches!(self.weighting.law, Law::Ode { .. })
-            && matches!(self.weighting.mixing, Mixing::None | Mixing::Markov(_))
+    /// How the trials are run: in lanes if all that differs between them is states
+    /// and weights.
+    fn route(&self, engine: &Mmae, plan: &Plan) -> Result<Route> {
+        let joint = self.measurement == Measurement::Continuous;
+        let parts = if joint { self.parts(engine)? } else { 0 };
+        let ode = matches!(self.weighting.law, Law::Ode { .. });
+        let alike = matches!(self.weighting.mixing, Mixing::None | Mixing::Markov(_));
+        if !joint && (ode || !alike) {
+            return Ok(Route::Alone);
+        }
+        let (mut gains, _) = Gains::new(&self.members, &self.settings)?;
+        let (sizes, models) = (engine.bank().sizes(), plan.prior.len());
+        let coefficients = Schedule::new(&mut gains, sizes, models, self.steps, plan.moves_first)?;
+        let spreads = Spreads::new(&coefficients, models, plan.shape.common, plan.covariances);
+        if !joint {
+            return Ok(Route::Lanes { coefficients, spreads });
+        }
+        let dt = engine.bank().dt();
+        let span = [dt, dt * self.steps as f64];
+        let joint = Joint::new(&self.truth, &self.members, &plan.failed, span, parts)?;
+        Ok(Route::Joint { joint: Box::new(joint), spreads })
+    }
+
+    /// Parts of a step in which observers see the plant all the time.
+    fn parts(&self, engine: &Mmae) -> Result<usize> {
+        let conflict = |problem: &str, remedy: &str| {
+            let (problem, remedy) = (problem.into(), remedy.into());
+            Err(Error::Conflict { problem, remedy })
+        };
+        if !engine.bank().is_continuous() {
+            let remedy = "use sampled measurement";
+            return conflict("discrete filters with continuous measurement", remedy);
+        }
+        if self.settings.gains == GainMode::Recursive {
+            let remedy = "use steady gains (no P0), or sampled measurement";
+            return conflict("gains that vary with continuous measurement", remedy);
+        }
+        if !matches!(self.weighting.mixing, Mixing::None | Mixing::Markov(_)) {
+            let remedy = "mix the weights only (markov), or use sampled measurement";
+            return conflict("states that are mixed with continuous measurement", remedy);
+        }
+        match self.weighting.law {
+            Law::Likelihood => Ok(PARTS),
+            Law::Ode { substeps } => Ok(2 * substeps),
+            Law::Bayes | Law::Zhang { .. } | Law::Dwsg { .. } => {
+                let remedy = "use Dunn's laws, or sampled measurement";
+                conflict("a law of samples with continuous measurement", remedy)
+            }
+        }
     }
 
     fn plan(&self, engine: &Mmae, control: &RunControl<'_>) -> Result<Plan> {

@@ -89,6 +89,24 @@ impl Term {
         }
     }
 
+    /// States of the term at the start of a stretch that begins at `t`: its value,
+    /// and for a sine the cosine beside it.
+    ///
+    /// ```text
+    /// e' = -decay e,   or   e' = [-decay omega; -omega -decay] e
+    /// ```
+    pub(super) fn states(&self, t: f64, dt: f64) -> [f64; 2] {
+        let fade = fade(self.decay, t);
+        match self.wave {
+            Wave::Sine { amplitude, omega, phase } => {
+                let angle = omega * t + phase;
+                [fade * amplitude * libm::sin(angle), fade * amplitude * libm::cos(angle)]
+            }
+            Wave::Square { .. } | Wave::Table { .. } => [fade * self.plain(t + EDGE * dt), 0.0],
+            Wave::Constant { .. } | Wave::White { .. } => [fade * self.plain(t), 0.0],
+        }
+    }
+
     fn next_switch(&self, t: f64) -> Option<f64> {
         match &self.wave {
             Wave::Square { period, .. } => Some((halves(t, *period) + 1.0) * (0.5 * period)),

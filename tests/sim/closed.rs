@@ -7,7 +7,7 @@ use mmae::model::{
 };
 use mmae::observer::ObserverKind;
 use mmae::par::RunControl;
-use mmae::sim::{MonteCarlo, Signal, Signals, Summary, Term, Truth, Wave};
+use mmae::sim::{Measurement, MonteCarlo, Signal, Signals, Summary, Term, Truth, Wave};
 use mmae::weight::{DwsgScheme, Law, Modifiers};
 use mmae::{Error, Mat, mat};
 
@@ -41,6 +41,7 @@ fn experiment(truth: Truth, models: Vec<Plant>, dt: Option<f64>) -> MonteCarlo {
         truth,
         steps: 200,
         trials: 1,
+        measurement: Measurement::Sampled,
         seed: 1,
         every: 1,
         keep: vec![0],

@@ -3,6 +3,10 @@
 mod closed;
 #[path = "../common/mod.rs"]
 mod common;
+mod joint;
+#[allow(dead_code, reason = "every test binary uses a part")]
+#[path = "../common/json.rs"]
+mod json;
 mod laws;
 mod random;
 mod setup;

@@ -37,6 +37,7 @@ pub(crate) fn case(number: usize) -> MonteCarlo {
         truth: Truth { x0, ..Truth::new(right) },
         steps: 200,
         trials: 4000,
+        measurement: mmae::sim::Measurement::Sampled,
         seed: 1,
         every: 10,
         keep: Vec::new(),

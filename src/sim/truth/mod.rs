@@ -33,8 +33,8 @@ use faer::Mat;
 use super::signal::Signals;
 use crate::model::{Controller, Plant, Shaping};
 
-pub(super) use source::{Source, Timing};
-pub(super) use walk::Walk;
+pub(super) use source::{Source, Timing, spread, start};
+pub(super) use walk::{Walk, add_product};
 
 /// The plant of a simulation, one or several after each other, and its loop.
 ///

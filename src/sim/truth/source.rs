@@ -323,7 +323,8 @@ fn input_filter(f: &Shaping, m: usize, time: Time, dt: f64) -> Result<Block> {
     Ok(Block { n: f.nf(), a: rows(&f.A), b, c: rows(&f.C), d: Vec::new() })
 }
 
-fn start(x0: &[f64], n: usize) -> Result<Vec<f64>> {
+/// `x(0)`, checked.
+pub(in crate::sim) fn start(x0: &[f64], n: usize) -> Result<Vec<f64>> {
     if x0.len() != n {
         let got = [x0.len(), 1];
         return Err(Error::Shape { what: "x(0) of the truth".into(), want: [n, 1], got });
@@ -334,7 +335,8 @@ fn start(x0: &[f64], n: usize) -> Result<Vec<f64>> {
     Ok(x0.to_vec())
 }
 
-fn spread(p: Option<&Mat<f64>>, n: usize) -> Result<Vec<f64>> {
+/// A factor of `P(0)`, row by row, or nothing.
+pub(in crate::sim) fn spread(p: Option<&Mat<f64>>, n: usize) -> Result<Vec<f64>> {
     let Some(p) = p else { return Ok(Vec::new()) };
     check_shape("P(0) of the truth", p.as_ref(), [n, n])?;
     check_finite("P(0) of the truth", p.as_ref())?;

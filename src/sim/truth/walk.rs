@@ -241,7 +241,7 @@ fn advance<T: Real>(a: &[f64], b: &[f64], u: &[T], x: &mut [T], next: &mut [T]) 
 
 /// `out += M x`.
 #[inline(always)]
-fn add_product<T: Real>(m: &[f64], x: &[T], out: &mut [T]) {
+pub(in crate::sim) fn add_product<T: Real>(m: &[f64], x: &[T], out: &mut [T]) {
     let n = x.len();
     for i in 0..out.len() {
         let mut sum = out[i];

@@ -5,7 +5,7 @@
 
 use super::matrices::{Matrices, Sizes};
 use crate::real::{Mask, Real, ln};
-use crate::simd::{Kernel, Panel, groups, load_group, store_group};
+use crate::simd::{Block, Kernel, Panel, groups, load_group, store_group};
 use crate::small::{
     Dyn, cholesky, cholesky_solve, mul, mul_sub, solve_lower, sym_mul_add_nt, sym_mul_nt,
     sym_update, transpose,
@@ -14,11 +14,39 @@ use crate::small::{
 /// `ln(2 pi) / 2`.
 pub(super) const HALF_LN_2_PI: f64 = 0.918_938_533_204_672_8;
 
+/// Blocks of scratch that [`Predict`] and [`Update`] take.
+pub(super) fn scratch_len(s: Sizes) -> usize {
+    let Sizes { n, q, .. } = s;
+    (5 * n * n).max(4 * n * n + 5 * n * q + 3 * q * q)
+}
+
+/// Blocks seen as numbers; the oracle, one number in place of eight, takes its own.
+#[inline(always)]
+fn scratch<'a, T: Real>(blocks: &'a mut [Block], own: &'a mut Vec<T>) -> &'a mut [T] {
+    let len = blocks.len();
+    match T::view_mut(blocks) {
+        Some(lanes) => lanes,
+        None => {
+            own.resize(len, T::zero());
+            own
+        }
+    }
+}
+
+/// The first `len` numbers of what is left.
+#[inline(always)]
+fn cut<'a, T>(rest: &mut &'a mut [T], len: usize) -> &'a mut [T] {
+    let (part, after) = std::mem::take(rest).split_at_mut(len);
+    *rest = after;
+    part
+}
+
 /// `P <- A P A' + G Q G'`.
 pub(super) struct Predict<'a> {
     pub(super) sizes: Sizes,
     pub(super) matrices: &'a Matrices,
     pub(super) p: &'a mut Panel,
+    pub(super) scratch: &'a mut [Block],
 }
 
 impl Kernel for Predict<'_> {
@@ -27,16 +55,17 @@ impl Kernel for Predict<'_> {
     #[inline(always)]
     fn run<T: Real>(self) {
         let n = self.sizes.n;
-        let room = |len: usize| vec![T::zero(); len];
-        let (mut a, mut q, mut p) = (room(n * n), room(n * n), room(n * n));
-        let (mut next, mut work) = (room(n * n), room(n * n));
+        let mut own = Vec::new();
+        let mut rest = scratch::<T>(self.scratch, &mut own);
+        let (a, q, p) = (cut(&mut rest, n * n), cut(&mut rest, n * n), cut(&mut rest, n * n));
+        let (next, work) = (cut(&mut rest, n * n), cut(&mut rest, n * n));
         for block in 0..self.p.n_blocks() {
             for group in 0..groups::<T>() {
-                load_group(self.matrices.a.block(block), group, &mut a);
-                load_group(self.matrices.q.block(block), group, &mut q);
-                load_group(self.p.block(block), group, &mut p);
-                sym_update(Dyn(n), Dyn(n), &a, &p, &q, &mut next, &mut work);
-                store_group(&next, group, self.p.block_mut(block));
+                load_group(self.matrices.a.block(block), group, a);
+                load_group(self.matrices.q.block(block), group, q);
+                load_group(self.p.block(block), group, p);
+                sym_update(Dyn(n), Dyn(n), a, p, q, next, work);
+                store_group(next, group, self.p.block_mut(block));
             }
         }
     }
@@ -61,6 +90,7 @@ pub(super) struct Update<'a> {
     pub(super) k: &'a mut Panel,
     pub(super) w: &'a mut Panel,
     pub(super) log_norm: &'a mut Panel,
+    pub(super) scratch: &'a mut [Block],
 }
 
 impl Kernel for Update<'_> {
@@ -69,17 +99,18 @@ impl Kernel for Update<'_> {
     #[inline(always)]
     fn run<T: Real>(mut self) {
         let Sizes { n, q, .. } = self.sizes;
-        let room = |len: usize| vec![T::zero(); len];
-        let (mut c, mut r, mut p) = (room(q * n), room(q * q), room(n * n));
-        let (mut cp, mut s, mut w) = (room(q * n), room(q * q), room(q * q));
-        let (mut k, mut joseph, mut next) = (room(n * q), room(n * n), room(n * n));
-        let (mut half, mut kr) = (room(n * n), room(n * q));
-        let mut kt = room(q * n);
+        let mut own = Vec::new();
+        let mut rest = scratch::<T>(self.scratch, &mut own);
+        let (c, cp) = (cut(&mut rest, q * n), cut(&mut rest, q * n));
+        let (k, kr, kt) = (cut(&mut rest, n * q), cut(&mut rest, n * q), cut(&mut rest, q * n));
+        let (r, s, w) = (cut(&mut rest, q * q), cut(&mut rest, q * q), cut(&mut rest, q * q));
+        let (p, joseph) = (cut(&mut rest, n * n), cut(&mut rest, n * n));
+        let (next, half) = (cut(&mut rest, n * n), cut(&mut rest, n * n));
         for block in 0..self.p.n_blocks() {
             for group in 0..groups::<T>() {
-                load_group(self.matrices.c.block(block), group, &mut c);
-                load_group(self.matrices.r.block(block), group, &mut r);
-                load_group(self.p.block(block), group, &mut p);
+                load_group(self.matrices.c.block(block), group, c);
+                load_group(self.matrices.r.block(block), group, r);
+                load_group(self.p.block(block), group, p);
                 // an output that is missing is one of unit variance that sees nothing
                 for j in 0..q {
                     if !self.present[j] {
@@ -93,10 +124,10 @@ impl Kernel for Update<'_> {
                         r[j * q + j] = T::one();
                     }
                 }
-                mul(Dyn(q), Dyn(n), Dyn(n), &c, &p, &mut cp);
-                s.copy_from_slice(&r);
-                sym_mul_add_nt(Dyn(q), Dyn(n), &cp, &c, &mut s);
-                let definite = cholesky(Dyn(q), &mut s);
+                mul(Dyn(q), Dyn(n), Dyn(n), c, p, cp);
+                s.copy_from_slice(r);
+                sym_mul_add_nt(Dyn(q), Dyn(n), cp, c, s);
+                let definite = cholesky(Dyn(q), s);
                 let mut log_norm = T::zero();
                 for j in 0..q {
                     if self.present[j] {
@@ -104,16 +135,16 @@ impl Kernel for Update<'_> {
                     }
                 }
                 // K' = S^-1 C P
-                kt.copy_from_slice(&cp);
-                cholesky_solve(Dyn(q), Dyn(n), &s, &mut kt);
-                transpose(Dyn(q), Dyn(n), &kt, &mut k);
+                kt.copy_from_slice(cp);
+                cholesky_solve(Dyn(q), Dyn(n), s, kt);
+                transpose(Dyn(q), Dyn(n), kt, k);
                 for i in 0..q {
                     for j in 0..q {
                         let unit = if i == j && self.present[j] { 1.0 } else { 0.0 };
                         w[i * q + j] = T::splat(unit);
                     }
                 }
-                solve_lower(Dyn(q), Dyn(q), &s, &mut w);
+                solve_lower(Dyn(q), Dyn(q), s, w);
                 let bad = !definite;
                 if bad.any() {
                     // a member without an innovation covariance: NaN marks it
@@ -122,8 +153,8 @@ impl Kernel for Update<'_> {
                         *x = T::select(bad, T::zero(), *x);
                     }
                 }
-                store_group(&k, group, self.k.block_mut(block));
-                store_group(&w, group, self.w.block_mut(block));
+                store_group(k, group, self.k.block_mut(block));
+                store_group(w, group, self.w.block_mut(block));
                 store_group(&[log_norm], group, self.log_norm.block_mut(block));
                 if let Some(out) = &mut self.next {
                     // (I - K C) P (I - K C)' + K R K'
@@ -132,12 +163,12 @@ impl Kernel for Update<'_> {
                             joseph[i * n + j] = T::splat(if i == j { 1.0 } else { 0.0 });
                         }
                     }
-                    mul_sub(Dyn(n), Dyn(q), Dyn(n), &k, &c, &mut joseph);
-                    mul(Dyn(n), Dyn(q), Dyn(q), &k, &r, &mut kr);
-                    mul(Dyn(n), Dyn(n), Dyn(n), &joseph, &p, &mut half);
-                    sym_mul_nt(Dyn(n), Dyn(n), &half, &joseph, &mut next);
-                    sym_mul_add_nt(Dyn(n), Dyn(q), &kr, &k, &mut next);
-                    store_group(&next, group, out.block_mut(block));
+                    mul_sub(Dyn(n), Dyn(q), Dyn(n), k, c, joseph);
+                    mul(Dyn(n), Dyn(q), Dyn(q), k, r, kr);
+                    mul(Dyn(n), Dyn(n), Dyn(n), joseph, p, half);
+                    sym_mul_nt(Dyn(n), Dyn(n), half, joseph, next);
+                    sym_mul_add_nt(Dyn(n), Dyn(q), kr, k, next);
+                    store_group(next, group, out.block_mut(block));
                 }
             }
         }

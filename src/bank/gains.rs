@@ -3,13 +3,13 @@
 use faer::Mat;
 
 use super::continuous::{self, Held};
-use super::covariance::{HALF_LN_2_PI, Predict, Update};
-use super::matrices::{Matrices, Sizes, panel, whitener};
+use super::covariance::{HALF_LN_2_PI, Predict, Update, scratch_len};
+use super::matrices::{Matrices, Sizes, panel, whiten};
 use super::members::{Members, StartTime};
 use crate::error::{Error, Result};
 use crate::model::{Plant, Time};
 use crate::observer::{self, Observer};
-use crate::simd::{Panel, dispatch};
+use crate::simd::{Block, Panel, dispatch};
 use crate::solve::backend;
 
 /// Where the gains come from.
@@ -58,6 +58,24 @@ pub struct Coefficients {
     pub(crate) bias: Panel,
 }
 
+impl Coefficients {
+    /// Copies all of another of the same sizes.
+    fn copy_from(&mut self, other: &Self) {
+        for (to, from) in [
+            (&mut self.a, &other.a),
+            (&mut self.b, &other.b),
+            (&mut self.c, &other.c),
+            (&mut self.k, &other.k),
+            (&mut self.w, &other.w),
+            (&mut self.log_norm, &other.log_norm),
+            (&mut self.white, &other.white),
+            (&mut self.bias, &other.bias),
+        ] {
+            to.copy_from(from);
+        }
+    }
+}
+
 /// The covariances of all models, and the coefficients that follow from them.
 #[derive(Debug, Clone)]
 pub struct Gains {
@@ -84,6 +102,9 @@ pub struct Gains {
     plants: Vec<Plant>,
     part: f64,
     settled: bool,
+    scratch: Vec<Block>,
+    /// Scratch for two q by q matrices.
+    square: Vec<f64>,
 }
 
 impl Gains {
@@ -166,6 +187,8 @@ impl Gains {
             plants: Vec::new(),
             part: dt,
             settled: false,
+            scratch: vec![Block::default(); scratch_len(sizes)],
+            square: vec![0.0; 2 * q * q],
         };
         if continuous {
             let parts = settings.parts.max(1);
@@ -218,7 +241,12 @@ impl Gains {
     /// `P <- A P A' + G Q G'`; of no effect on steady filters.
     pub fn predict(&mut self) {
         if self.mode == GainMode::Recursive && !self.continuous {
-            dispatch(Predict { sizes: self.sizes, matrices: &self.matrices, p: &mut self.p });
+            dispatch(Predict {
+                sizes: self.sizes,
+                matrices: &self.matrices,
+                p: &mut self.p,
+                scratch: &mut self.scratch,
+            });
         }
     }
 
@@ -230,7 +258,7 @@ impl Gains {
             (_, GainMode::Steady) if same => {}
             (_, GainMode::Steady) if all => {
                 if let Some(full) = &self.full {
-                    self.coefficients.clone_from(full);
+                    self.coefficients.copy_from(full);
                 }
             }
             (true, GainMode::Steady) => {
@@ -257,7 +285,7 @@ impl Gains {
     fn filter(&mut self, present: &[bool]) {
         let c = &mut self.coefficients;
         if self.mode == GainMode::Recursive {
-            self.prior.clone_from(&self.p);
+            self.prior.copy_from(&self.p);
         }
         dispatch(Update {
             sizes: self.sizes,
@@ -268,6 +296,7 @@ impl Gains {
             k: &mut c.k,
             w: &mut c.w,
             log_norm: &mut c.log_norm,
+            scratch: &mut self.scratch,
         });
     }
 
@@ -276,18 +305,21 @@ impl Gains {
         let Some(steady) = &self.steady else { return };
         let q = self.sizes.q;
         let turns = 2.0 * present.iter().filter(|p| **p).count() as f64 * HALF_LN_2_PI;
+        let (s, w) = self.square.split_at_mut(q * q);
         for k in 0..steady.len() {
-            let s = Mat::from_fn(q, q, |i, j| match (present[i] && present[j], i == j) {
-                (true, _) => steady.get(k, i, j),
-                (false, true) => 1.0,
-                (false, false) => 0.0,
-            });
-            let known = whitener("S", s.as_ref()).ok();
-            let bias = known.as_ref().map_or(f64::NAN, |(_, ln_det)| 0.5 * (ln_det + turns));
+            for (i, j) in (0..q * q).map(|e| (e / q, e % q)) {
+                s[i * q + j] = match (present[i] && present[j], i == j) {
+                    (true, _) => steady.get(k, i, j),
+                    (false, true) => 1.0,
+                    (false, false) => 0.0,
+                };
+            }
+            let ln_det = whiten(q, s, w);
+            let bias = ln_det.map_or(f64::NAN, |ln_det| 0.5 * (ln_det + turns));
             self.coefficients.bias.set(k, 0, 0, bias);
             for (i, j) in (0..q * q).map(|e| (e / q, e % q)) {
-                let w = known.as_ref().filter(|_| present[i]).map_or(0.0, |(w, _)| w[(i, j)]);
-                self.coefficients.white.set(k, i, j, w);
+                let used = ln_det.is_some() && present[i];
+                self.coefficients.white.set(k, i, j, if used { w[i * q + j] } else { 0.0 });
             }
         }
         self.coefficients.white.fill_padding();

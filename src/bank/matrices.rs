@@ -74,12 +74,27 @@ fn disturbance(plant: &Plant) -> Mat<f64> {
 pub(crate) fn whitener(what: &str, s: MatRef<'_, f64>) -> Result<(Mat<f64>, f64)> {
     let q = s.nrows();
     let mut l: Vec<f64> = (0..q * q).map(|e| s[(e / q, e % q)]).collect();
-    if !cholesky(Dyn(q), &mut l) {
+    let mut inverse = vec![0.0; q * q];
+    let Some(ln_det) = whiten(q, &mut l, &mut inverse) else {
         return Err(Error::NotPositiveDefinite { what: what.into() });
+    };
+    Ok((Mat::from_fn(q, q, |i, j| inverse[i * q + j]), ln_det))
+}
+
+/// Puts `L` in the place of `S = L L'`, q by q and row-major, and writes `L^-1`;
+/// returns `ln det S`, or `None` if `S` is not positive definite.
+pub(super) fn whiten(q: usize, s: &mut [f64], inverse: &mut [f64]) -> Option<f64> {
+    if !cholesky(Dyn(q), s) {
+        return None;
     }
-    let ln_det = 2.0 * (0..q).map(|i| libm::log(l[i * q + i])).sum::<f64>();
-    let mut inverse: Vec<f64> =
-        (0..q * q).map(|e| if e / q == e % q { 1.0 } else { 0.0 }).collect();
-    solve_lower(Dyn(q), Dyn(q), &l, &mut inverse);
-    Ok((Mat::from_fn(q, q, |i, j| if j <= i { inverse[i * q + j] } else { 0.0 }), ln_det))
+    for (e, entry) in inverse.iter_mut().enumerate() {
+        *entry = if e / q == e % q { 1.0 } else { 0.0 };
+    }
+    solve_lower(Dyn(q), Dyn(q), s, inverse);
+    for (e, entry) in inverse.iter_mut().enumerate() {
+        if e % q > e / q {
+            *entry = 0.0;
+        }
+    }
+    Some(2.0 * (0..q).map(|i| libm::log(s[i * q + i])).sum::<f64>())
 }

@@ -11,9 +11,9 @@
 //! Matrices, states and covariances of all models are stored as structures of
 //! arrays, eight models to a block. The covariances do not depend on the data:
 //! [`Gains`] is the recursion that makes the coefficients of a step, [`Bank`]
-//! applies them to the states. With steady gains and every sample present a step
-//! allocates nothing; a covariance recursion and a change of the outputs that are
-//! missing take scratch.
+//! applies them to the states. A step allocates nothing, but for the Riccati
+//! equation of continuous observers until it has come to rest and when outputs go
+//! missing or come back.
 
 mod advance;
 mod continuous;

@@ -151,6 +151,26 @@ impl Bank {
         (0..self.x.rows()).all(|r| self.x.get(i, r, 0).is_finite())
     }
 
+    /// The initial estimate of model `i`.
+    pub(crate) fn first_x_hat_into(&self, i: usize, x: &mut [f64]) {
+        self.first_x.read_item(i, x);
+    }
+
+    /// Covariances and coefficients at the start.
+    pub(crate) fn first_gains(&self) -> &Gains {
+        &self.first_gains
+    }
+
+    /// Factor of the common norm, row by row; empty for the identity.
+    pub(crate) fn norm(&self) -> &[f64] {
+        &self.norm
+    }
+
+    /// True if the first step predicts before it measures.
+    pub(crate) fn moves_first(&self) -> bool {
+        self.start == StartTime::StepBefore || self.gains.continuous
+    }
+
     /// What the last update found.
     pub fn last(&self) -> &Step {
         &self.step
@@ -158,7 +178,7 @@ impl Bank {
 
     /// True if the next step predicts before it measures.
     pub(crate) fn moves(&self) -> bool {
-        self.started || self.start == StartTime::StepBefore || self.gains.continuous
+        self.started || self.moves_first()
     }
 
     /// Copies the covariance of model `i`.

@@ -5,8 +5,9 @@ use faer::Mat;
 use super::estimate::Estimate;
 use super::mixing::Moments;
 use super::weighting::{Innovation, Mixing, Weighting};
-use crate::bank::{Bank, Members, Settings, Step};
+use crate::bank::{Bank, Members, Schedule, Settings, Step};
 use crate::error::{Error, Result};
+use crate::real::{Real, exp, ln};
 use crate::weight::{Evidence, Law, OdeNodes, Weights};
 
 /// Multiple-model adaptive estimator: predict, innovate, weigh, fuse.
@@ -231,14 +232,47 @@ impl Mmae {
     pub fn bank(&self) -> &Bank {
         &self.bank
     }
+
+    pub(super) fn law(&self) -> Law {
+        self.law
+    }
+
+    pub(super) fn innovation(&self) -> &Innovation {
+        &self.innovation
+    }
+
+    /// The weights at their prior, in lanes.
+    pub(super) fn fresh_weights<T: Real>(&self) -> Weights<T> {
+        self.weights.fresh()
+    }
+
+    /// True if many records can run in lanes: all that differs between them is
+    /// states and weights.
+    pub(super) fn in_lanes(&self) -> bool {
+        !self.bank.is_continuous() && matches!(self.mixing, Mixing::None | Mixing::Markov(_))
+    }
+
+    /// Coefficients of `steps` steps from the start.
+    pub(super) fn schedule(&self, steps: u64) -> Result<Schedule> {
+        let mut gains = self.bank.first_gains().clone();
+        let moves = self.bank.moves_first();
+        Schedule::new(&mut gains, self.bank.sizes(), self.bank.models(), steps, moves)
+    }
 }
 
-/// `ln sum p_i l_i` of normalised weights.
-fn mixture_log_lik(log_p: &[f64], log_lik: &[f64]) -> f64 {
-    let terms = || log_p.iter().zip(log_lik).map(|(p, l)| p + l).filter(|t| !t.is_nan());
-    let top = terms().fold(f64::NEG_INFINITY, f64::max);
-    if top == f64::NEG_INFINITY {
-        return top;
+/// `ln sum p_i l_i` of normalised weights; terms that are no number are left out.
+#[inline(always)]
+pub(super) fn mixture_log_lik<T: Real>(log_p: &[T], log_lik: &[T]) -> T {
+    let mut top = T::splat(f64::NEG_INFINITY);
+    for i in 0..log_p.len() {
+        // a NaN never replaces a number
+        top = (log_p[i] + log_lik[i]).max(top);
     }
-    top + libm::log(terms().map(|t| libm::exp(t - top)).sum::<f64>())
+    let shift = T::select(top.is_finite(), top, T::zero());
+    let mut sum = T::zero();
+    for i in 0..log_p.len() {
+        let term = log_p[i] + log_lik[i];
+        sum = T::select(term.eq(term), sum + exp(term - shift), sum);
+    }
+    T::select(top.is_finite(), top + ln(sum), top)
 }

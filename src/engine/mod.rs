@@ -7,7 +7,9 @@
 //! fuse       x_hat = sum p_i x_i
 //! ```
 //!
-//! [`Mmae::step`] does it for one measurement:
+//! [`Mmae::step`] does it for one measurement, [`Mmae::run`] for a record,
+//! [`Mmae::run_arrays`] for many records at once, [`crate::sim::MonteCarlo`] for
+//! trials that are simulated:
 //!
 //! ```
 //! use mmae::bank::{Initial, Members, Settings, GainMode};
@@ -34,11 +36,16 @@
 //! # Ok::<(), mmae::Error>(())
 //! ```
 
+mod arrays;
 mod estimate;
+mod lanes;
 mod mixing;
 mod mmae;
+mod record;
 mod weighting;
 
+pub use arrays::{Arrays, Courses};
 pub use estimate::Estimate;
 pub use mmae::Mmae;
+pub use record::Record;
 pub use weighting::{Innovation, Mixing, Weighting};

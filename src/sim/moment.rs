@@ -54,7 +54,8 @@ pub struct Moment {
     /// Quantiles over the trials, at [`LEVELS`](super::LEVELS): of each weight, of
     /// each parameter estimate `sum p_i theta_i`, of the error of each state and of
     /// its Euclidean norm. Exact for up to 1024 trials; for more right to a
-    /// sixteenth of their value, of the smaller of `p` and `1 - p` for a weight.
+    /// sixteenth of their value, of the smaller of `p` and `1 - p` for a weight, and
+    /// to 1/4096 of the range of the values for a parameter.
     pub p_quantiles: Vec<[f64; 5]>,
     /// See above.
     pub theta_hat_quantiles: Vec<[f64; 5]>,

@@ -167,6 +167,25 @@ struct Total {
 }
 
 impl MonteCarlo {
+    /// Equal priors, steady gains, the default weighting, seed 1, a report at the
+    /// end only.
+    pub fn new(members: Members, truth: Truth, steps: u64, trials: u64) -> Self {
+        Self {
+            prior: vec![1.0; members.plants.len()],
+            members,
+            settings: Settings::default(),
+            weighting: Weighting::default(),
+            truth,
+            steps,
+            trials,
+            measurement: Measurement::Sampled,
+            seed: 1,
+            every: 0,
+            keep: Vec::new(),
+            values: Vec::new(),
+        }
+    }
+
     /// Runs all trials.
     ///
     /// The result has the same bits for any number of threads; a trial is the

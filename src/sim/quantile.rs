@@ -9,13 +9,18 @@ const FEW: usize = 1024;
 const SHIFT: u32 = 48;
 const PER_OCTAVE: usize = 16;
 
+/// Bins of a range.
+const PARTS: usize = 4096;
+
 /// Where the bins of a quantity lie.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Axis {
     /// Weights in 0 .. 1, finer towards both ends, down to `2^-52` of either.
     Unit,
     /// Any number, finer towards zero, magnitudes of `2^-64` to `2^64`.
     Line,
+    /// Numbers between two ends, in equal parts.
+    Range(f64, f64),
 }
 
 impl Axis {
@@ -24,7 +29,7 @@ impl Axis {
     fn octaves(self) -> (i32, i32) {
         match self {
             Axis::Unit => (-52, -1),
-            Axis::Line => (-64, 64),
+            Axis::Line | Axis::Range(..) => (-64, 64),
         }
     }
 
@@ -39,6 +44,7 @@ impl Axis {
         match self {
             Axis::Unit => 2 * self.half(),
             Axis::Line => 2 * (self.half() + 1),
+            Axis::Range(..) => PARTS,
         }
     }
 
@@ -73,6 +79,9 @@ impl Axis {
             Axis::Unit => self.bins() - 1 - self.key((1.0 - value).max(0.0)).min(self.half() - 1),
             Axis::Line if value < 0.0 => self.half() - self.key(-value),
             Axis::Line => self.half() + 1 + self.key(value),
+            // what is no number ends in the first
+            Axis::Range(low, high) => ((value - low) / (high - low) * PARTS as f64)
+                .clamp(0.0, PARTS as f64 - 1.0) as usize,
         }
     }
 
@@ -89,6 +98,10 @@ impl Axis {
                 (-high, -low)
             }
             Axis::Line => self.ends(bin - half - 1),
+            Axis::Range(low, high) => {
+                let at = |k: usize| (high - low).mul_add(k as f64 / PARTS as f64, low);
+                (at(bin), at(bin + 1))
+            }
         }
     }
 }
@@ -102,8 +115,8 @@ fn power(exponent: i32) -> f64 {
 /// Up to 1024 values are kept, and their quantiles are exact. More are counted
 /// in bins of a sixteenth of an octave: a quantile is then right to a sixteenth
 /// of itself (of the smaller of `p` and `1 - p` for a weight), and as a rule much
-/// nearer, since it is interpolated within the bin. Counts are integers: they do
-/// not depend on the order of the trials.
+/// nearer, since it is interpolated within the bin; one of a range to a part in
+/// 4096 of it. Counts are integers: they do not depend on the order of the trials.
 #[derive(Debug, Clone)]
 pub(super) struct Sample {
     axis: Axis,
@@ -237,6 +250,19 @@ mod tests {
         for (got, want) in got.iter().zip(want) {
             assert!((got - want).abs() < want.abs() / 16.0, "{got} {want}");
         }
+    }
+
+    #[test]
+    fn a_range_is_cut_in_equal_parts() {
+        let mut sample = Sample::new(Axis::Range(0.96, 1.01));
+        sample.extend(&vec![1.0; 3000]);
+        sample.extend(&[0.96, 1.01]);
+        for q in sample.quantiles() {
+            assert!((q - 1.0).abs() < 0.05 / 4096.0, "{q}");
+        }
+        let mut single = Sample::new(Axis::Range(2.0, 2.0));
+        single.extend(&vec![2.0; 3000]);
+        assert_eq!(single.quantiles(), [2.0; 5]);
     }
 
     #[test]

@@ -110,9 +110,13 @@ impl Shape {
     /// Quantities whose values are kept: weights, parameters, errors, the norm
     /// of the error.
     pub(super) fn axes(&self) -> Vec<Axis> {
-        let lines = self.parameters() + self.common + 1;
-        let unit = std::iter::repeat_n(Axis::Unit, self.models);
-        unit.chain(std::iter::repeat_n(Axis::Line, lines)).collect()
+        let mut axes = vec![Axis::Unit; self.models];
+        for values in self.values.chunks(self.models.max(1)) {
+            let low = values.iter().fold(f64::INFINITY, |m, v| m.min(*v));
+            axes.push(Axis::Range(low, values.iter().fold(low, |m, v| m.max(*v))));
+        }
+        axes.resize(axes.len() + self.common + 1, Axis::Line);
+        axes
     }
 
     /// Bytes that a report of a chunk takes.

@@ -115,6 +115,13 @@ impl Panel {
         Ok(Panel::from_fn(rows, cols, len, |k, i, j| data[(k * rows + i) * cols + j]))
     }
 
+    /// Copies the numbers of a panel of the same shape, allocating nothing; panics
+    /// unless it has as many.
+    #[track_caller]
+    pub fn copy_from(&mut self, other: &Panel) {
+        self.blocks.copy_from_slice(&other.blocks);
+    }
+
     /// The array of shape `(len, rows, cols)` in C order.
     #[must_use]
     pub fn to_row_major(&self) -> Vec<f64> {

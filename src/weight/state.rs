@@ -114,6 +114,23 @@ impl<T: Real> Weights<T> {
         })
     }
 
+    /// The same weights at the prior, for other lanes.
+    pub(crate) fn fresh<U: Real>(&self) -> Weights<U> {
+        let n = self.prior.len();
+        Weights {
+            law: self.law,
+            energies: Energies::new(n, self.modifiers.window),
+            modifiers: self.modifiers.clone(),
+            transition: self.transition.clone(),
+            log_p: self.prior.iter().map(|&l| U::splat(l)).collect(),
+            prior: self.prior.clone(),
+            last: vec![U::zero(); n],
+            has_last: false,
+            work: vec![U::zero(); 3 * n],
+            before: vec![U::zero(); n],
+        }
+    }
+
     /// Back to the prior.
     pub fn reset(&mut self) {
         for i in 0..self.prior.len() {

@@ -3,6 +3,7 @@
 #[path = "../common/json.rs"]
 mod json;
 
+mod arrays;
 mod discrete;
 mod filters;
 mod laws;

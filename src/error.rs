@@ -108,12 +108,13 @@ pub enum Error {
     },
     /// A Riccati equation without a stabilizing solution that could be verified.
     #[error(
-        "{what}: no stabilizing solution was found (relative residual {residual:.3e} after {iterations} iterations): check detectability, stabilizability and the scale of the weights"
+        "{what}: no stabilizing solution was found ({}): check detectability, stabilizability and the scale of the weights",
+        reached(*residual, *iterations)
     )]
     NoStabilizingSolution {
         /// The equation.
         what: String,
-        /// Relative residual reached.
+        /// Relative residual reached; NaN if no attempt came to a residual.
         residual: f64,
         /// Iterations spent.
         iterations: u32,
@@ -170,7 +171,8 @@ pub enum Error {
     },
     /// A linear matrix equation without a unique solution.
     #[error(
-        "{what}: no unique solution (relative correction {correction:.1e}): two eigenvalues add up to zero, or are reciprocal in discrete time; change a coefficient"
+        "{what}: no unique solution{}: two eigenvalues add up to zero, or are reciprocal in discrete time; change a coefficient",
+        last_correction(*correction)
     )]
     NoUniqueSolution {
         /// The equation.
@@ -278,6 +280,24 @@ pub enum Error {
     /// The caller asked to stop.
     #[error("cancelled: nothing was written")]
     Cancelled,
+}
+
+/// How far the search for a Riccati solution came.
+fn reached(residual: f64, iterations: u32) -> String {
+    if residual.is_finite() {
+        format!("relative residual {residual:.3e} after {iterations} iterations")
+    } else {
+        format!("the iteration broke down after {iterations} steps, before it came to a residual")
+    }
+}
+
+/// What a correction of a linear equation still changed, if there was one.
+fn last_correction(correction: f64) -> String {
+    if correction.is_finite() {
+        format!(" (relative correction {correction:.1e})")
+    } else {
+        String::new()
+    }
 }
 
 impl Error {

@@ -20,6 +20,8 @@ pub(super) enum Failure {
     Scenario(scenario::Error),
     /// Nothing could be computed; one message a cause.
     Numerical(Vec<String>),
+    /// Something does not fit in memory.
+    Limit(String),
     /// A result directory.
     Files(write::Error),
     /// The standard output.
@@ -52,6 +54,7 @@ impl Failure {
             Failure::Scenario(scenario::Error::Engine { source, .. }) => code_of(source),
             Failure::Scenario(_) => SCENARIO,
             Failure::Numerical(_) => NUMERICAL,
+            Failure::Limit(_) => LIMITS,
             Failure::Files(_) | Failure::Output(_) => FILES,
             Failure::Cancelled => signals.code(),
         })
@@ -66,6 +69,7 @@ impl Failure {
             }
             Failure::Scenario(e) => vec![e.to_string()],
             Failure::Numerical(messages) => messages.clone(),
+            Failure::Limit(message) => vec![message.clone()],
             Failure::Files(e) => vec![e.to_string()],
             Failure::Output(e) => vec![format!(
                 "cannot write to the standard output: {e}: check the free space where it goes"

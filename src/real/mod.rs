@@ -124,6 +124,17 @@ pub trait Real:
     /// Writes `LANES` numbers to the front of `dst`; panics if it is shorter.
     fn store(self, dst: &mut [f64]);
 
+    /// Eight numbers of each of eight rows, from `at` on: number `e` of row `l` in
+    /// lane `l` of the result `e`. Panics if a row that a lane reads is too short.
+    #[inline(always)]
+    fn load_columns(rows: &[&[f64]; 8], at: usize) -> [Self; 8] {
+        let mut out = [Self::zero(); 8];
+        for (e, x) in out.iter_mut().enumerate() {
+            *x = Self::from_fn(|l| rows[l][at + e]);
+        }
+        out
+    }
+
     /// `self * a + b`, rounded once.
     fn mul_add(self, a: Self, b: Self) -> Self;
     /// `b - self * a`, rounded once.

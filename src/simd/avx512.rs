@@ -151,6 +151,29 @@ impl Real for Lane512 {
         unsafe { _mm512_storeu_pd(dst.as_mut_ptr(), self.0) }
     }
     #[inline(always)]
+    fn load_columns(rows: &[&[f64]; 8], at: usize) -> [Self; 8] {
+        // An 8 by 8 transposition: pairs of rows, then pairs of pairs, then all.
+        let (r0, r1) = (Self::load(&rows[0][at..]).0, Self::load(&rows[1][at..]).0);
+        let (r2, r3) = (Self::load(&rows[2][at..]).0, Self::load(&rows[3][at..]).0);
+        let (r4, r5) = (Self::load(&rows[4][at..]).0, Self::load(&rows[5][at..]).0);
+        let (r6, r7) = (Self::load(&rows[6][at..]).0, Self::load(&rows[7][at..]).0);
+        cpu!({
+            let [x0, x2, x4, x6] = columns([
+                _mm512_unpacklo_pd(r0, r1),
+                _mm512_unpacklo_pd(r2, r3),
+                _mm512_unpacklo_pd(r4, r5),
+                _mm512_unpacklo_pd(r6, r7),
+            ]);
+            let [x1, x3, x5, x7] = columns([
+                _mm512_unpackhi_pd(r0, r1),
+                _mm512_unpackhi_pd(r2, r3),
+                _mm512_unpackhi_pd(r4, r5),
+                _mm512_unpackhi_pd(r6, r7),
+            ]);
+            [x0, x1, x2, x3, x4, x5, x6, x7]
+        })
+    }
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         Lane512(cpu!(_mm512_fmadd_pd(self.0, a.0, b.0)))
     }
@@ -240,4 +263,20 @@ impl Real for Lane512 {
         // SAFETY: as in `view`; the borrow is exclusive.
         Some(unsafe { std::slice::from_raw_parts_mut(blocks.as_mut_ptr().cast(), blocks.len()) })
     }
+}
+
+/// Quarter `k` of each register, side by side, for `k` from 0 to 3.
+#[inline]
+#[target_feature(enable = "avx512f")]
+fn columns([a, b, c, d]: [__m512d; 4]) -> [Lane512; 4] {
+    let (even_ab, odd_ab) =
+        (_mm512_shuffle_f64x2::<0x88>(a, b), _mm512_shuffle_f64x2::<0xdd>(a, b));
+    let (even_cd, odd_cd) =
+        (_mm512_shuffle_f64x2::<0x88>(c, d), _mm512_shuffle_f64x2::<0xdd>(c, d));
+    [
+        Lane512(_mm512_shuffle_f64x2::<0x88>(even_ab, even_cd)),
+        Lane512(_mm512_shuffle_f64x2::<0x88>(odd_ab, odd_cd)),
+        Lane512(_mm512_shuffle_f64x2::<0xdd>(even_ab, even_cd)),
+        Lane512(_mm512_shuffle_f64x2::<0xdd>(odd_ab, odd_cd)),
+    ]
 }

@@ -1,6 +1,6 @@
-//! Lyapunov and Sylvester equations: the public functions.
+//! Lyapunov and Sylvester equations through the batch frame.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use crate::error::{Eigenvalue, Error, Result};
 use crate::par::RunControl;
@@ -8,13 +8,13 @@ use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier, dispatch_twice};
 use crate::solve::backend::eigenvalues;
 use crate::solve::batch::{
-    self, Equation, Substitute, gather, half_unit, lanes_of, launch, minus_unit, scatter, zero,
+    self, Equation, Substitute, gather, half_unit, lanes_of, minus_unit, scatter, zero,
 };
 use crate::solve::checks::Checks;
 use crate::solve::kronecker;
 use crate::solve::lanes::{Kind, Linear};
-use crate::solve::problem::{Field, Lyapunov, Sylvester};
-use crate::solve::report::{ItemReport, Method, Solution, Solutions, judged};
+use crate::solve::problem::Field;
+use crate::solve::report::{ItemReport, Method, Solutions, judged};
 
 /// The checked problem: `A C` of a Lyapunov equation, `A B C` of a Sylvester
 /// equation.
@@ -25,52 +25,6 @@ struct Batch<'a> {
     fields: Vec<Field<'a>>,
     bounds: bool,
     tier: Option<Tier>,
-}
-
-/// A range of items in lanes.
-struct Chunk<'a> {
-    batch: &'a Batch<'a>,
-    first: usize,
-    bad: &'a [bool],
-    x: &'a mut [f64],
-}
-
-impl Kernel for Chunk<'_> {
-    type Out = Vec<ItemReport>;
-    #[inline(always)]
-    fn run<T: Real>(self) -> Vec<ItemReport> {
-        let Chunk { batch, first, bad, x } = self;
-        let mut block = batch.block::<T>();
-        let mut reports = Vec::with_capacity(bad.len());
-        for start in (0..bad.len()).step_by(T::LANES) {
-            batch.load(&lanes_of(first, start, bad), &mut block);
-            block.solve();
-            let (lanes, size) = (T::LANES.min(bad.len() - start), block.x.len());
-            scatter(&block.x, &mut x[start * size..][..lanes * size]);
-            for lane in 0..lanes {
-                reports.push(batch.read(&block, lane, Method::Doubling));
-            }
-        }
-        // Coefficients that are not stable, or nearly so, or far from normal.
-        for (local, report) in reports.iter_mut().enumerate() {
-            let size = block.x.len();
-            for route in Route::ALL {
-                if report.status.is_ok() || bad[local] {
-                    break;
-                }
-                let x = &mut x[local * size..][..size];
-                let again = dispatch_twice(Single { batch, item: first + local, route, x });
-                let iterations = report.iterations + again.iterations;
-                *report = ItemReport { iterations, ..again };
-                let shaky = report.condition.is_none_or(|c| c > SHAKY);
-                if report.status.is_ok() && shaky && batch.is_singular(first + local) {
-                    report.status = Err(batch.no_unique_solution(report.correction));
-                    break;
-                }
-            }
-        }
-        reports
-    }
 }
 
 /// A condition beyond which the eigenvalues are looked at: rounding may hide that
@@ -109,7 +63,9 @@ impl Kernel for Single<'_> {
         let Single { batch, item, route, x } = self;
         let (kind, symmetric, size) = (batch.kind, batch.is_symmetric(), [batch.n, batch.m]);
         let mut block = batch.block::<T>();
-        batch.load(&vec![Some(item); T::LANES], &mut block);
+        let at = batch::alone::<T>(item);
+        // What is in the lanes has passed the check already.
+        let _ = batch.load(&at, &mut block);
         match route {
             Route::System => block.solve_with(|a, b| {
                 let lane = |x: &[T]| x.iter().map(|v| v.lane(0)).collect::<Vec<f64>>();
@@ -122,7 +78,9 @@ impl Kernel for Single<'_> {
             }
         }
         scatter(&block.x, x);
-        batch.read(&block, 0, Method::Fallback)
+        let mut report = Vec::with_capacity(1);
+        batch.read(&block, &at[..1], Method::Fallback, &mut report);
+        report.pop().unwrap_or_else(ItemReport::pending)
     }
 }
 
@@ -142,28 +100,6 @@ impl Batch<'_> {
             (Kind::Discrete, true) => "A X A' - X + Q = 0",
             (Kind::Discrete, false) => "A X B - X + C = 0",
         }
-    }
-
-    #[inline(always)]
-    fn block<T: Real>(&self) -> Linear<T> {
-        let mut block = Linear::new(self.kind, self.is_symmetric(), self.n, self.m);
-        block.bounds = self.bounds;
-        block
-    }
-
-    /// Copies the items `at` to lanes; bad items become a harmless equation.
-    #[inline(always)]
-    fn load<T: Real>(&self, at: &[Option<usize>], block: &mut Linear<T>) {
-        let stable: Substitute = match self.kind {
-            Kind::Continuous => minus_unit,
-            Kind::Discrete => half_unit,
-        };
-        gather(&self.fields[0], at, stable, &mut block.a);
-        if !self.is_symmetric() {
-            gather(&self.fields[1], at, stable, &mut block.b);
-        }
-        let last = self.fields.len() - 1;
-        gather(&self.fields[last], at, zero, &mut block.c);
     }
 
     /// True if eigenvalues of the coefficients of item `k` add up to zero, or are
@@ -192,32 +128,99 @@ impl Batch<'_> {
     fn no_unique_solution(&self, correction: f64) -> Error {
         Error::NoUniqueSolution { what: self.what().into(), correction }
     }
-
-    /// The report of one lane.
-    #[inline(always)]
-    fn read<T: Real>(&self, block: &Linear<T>, lane: usize, method: Method) -> ItemReport {
-        let correction = block.correction.lane(lane);
-        let status =
-            if block.done.lane(lane) { Ok(()) } else { Err(self.no_unique_solution(correction)) };
-        let (error_bound, condition, sound) =
-            judged(block.error_bound.lane(lane), block.condition.lane(lane));
-        ItemReport {
-            status,
-            residual: block.residual.lane(lane),
-            correction,
-            margin: block.margin.lane(lane),
-            iterations: block.steps.lane(lane) as u32,
-            error_bound,
-            condition,
-            reliable: sound && block.done.lane(lane),
-            method,
-        }
-    }
 }
 
 impl Equation for Batch<'_> {
-    fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
-        launch(self.tier, Chunk { batch: self, first, bad, x })
+    type Block<T: Real> = Linear<T>;
+
+    fn fields(&self) -> &[Field<'_>] {
+        &self.fields
+    }
+
+    fn shape(&self) -> [usize; 2] {
+        [self.n, self.m]
+    }
+
+    fn tier(&self) -> Option<Tier> {
+        self.tier
+    }
+
+    #[inline(always)]
+    fn block<T: Real>(&self) -> Linear<T> {
+        let mut block = Linear::new(self.kind, self.is_symmetric(), self.n, self.m);
+        block.bounds = self.bounds;
+        block
+    }
+
+    #[inline(always)]
+    fn load<T: Real>(&self, at: &[Option<usize>], block: &mut Linear<T>) -> T::Mask {
+        let stable: Substitute = match self.kind {
+            Kind::Continuous => minus_unit,
+            Kind::Discrete => half_unit,
+        };
+        let mut good = gather(&self.fields[0], at, stable, &mut block.a);
+        if !self.is_symmetric() {
+            good = good & gather(&self.fields[1], at, stable, &mut block.b);
+        }
+        let last = self.fields.len() - 1;
+        good & gather(&self.fields[last], at, zero, &mut block.c)
+    }
+
+    #[inline(always)]
+    fn solve<T: Real>(&self, block: &mut Linear<T>) {
+        block.solve();
+    }
+
+    #[inline(always)]
+    fn solutions<'b, T: Real>(&self, block: &'b Linear<T>) -> &'b [T] {
+        &block.x
+    }
+
+    #[inline(always)]
+    fn read<T: Real>(
+        &self,
+        block: &Linear<T>,
+        at: &[Option<usize>],
+        method: Method,
+        reports: &mut Vec<ItemReport>,
+    ) {
+        let (steps, margin) = (lanes_of(block.steps), lanes_of(block.margin));
+        let (residual, correction) = (lanes_of(block.residual), lanes_of(block.correction));
+        let (bound, condition) = (lanes_of(block.error_bound), lanes_of(block.condition));
+        for lane in 0..at.len() {
+            let correction = correction[lane];
+            let done = block.done.lane(lane);
+            let status = if done { Ok(()) } else { Err(self.no_unique_solution(correction)) };
+            let (error_bound, condition, sound) = judged(bound[lane], condition[lane]);
+            reports.push(ItemReport {
+                status,
+                residual: residual[lane],
+                correction,
+                margin: margin[lane],
+                iterations: steps[lane] as u32,
+                error_bound,
+                condition,
+                reliable: sound && done,
+                method,
+            });
+        }
+    }
+
+    /// For coefficients that are not stable, or nearly so, or far from normal.
+    #[inline(never)]
+    fn try_again(&self, item: usize, report: &mut ItemReport, x: &mut [f64]) {
+        for route in Route::ALL {
+            let again = dispatch_twice(Single { batch: self, item, route, x: &mut *x });
+            let iterations = report.iterations + again.iterations;
+            *report = ItemReport { iterations, ..again };
+            if report.status.is_ok() {
+                let shaky = report.condition.is_none_or(|c| c > SHAKY);
+                if shaky && self.is_singular(item) {
+                    report.status = Err(self.no_unique_solution(report.correction));
+                }
+                return;
+            }
+        }
     }
 }
 
@@ -230,321 +233,8 @@ pub(super) fn run(
     control: &RunControl<'_>,
 ) -> Result<Solutions> {
     let bounds = checks == Checks::All;
-    let batch = Batch { kind, n, m, fields: fields.clone(), bounds, tier };
+    let batch = Batch { kind, n, m, fields, bounds, tier };
     let larger = n.max(m);
     let flops = larger.saturating_pow(3).saturating_mul(100);
-    batch::run(&batch, &fields, [n, m], len, flops, control)
-}
-
-fn run_lyapunov(
-    kind: Kind,
-    p: &Lyapunov<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run(kind, p.fields()?, [p.n, p.n, p.len], (checks, None), control)
-}
-
-fn run_sylvester(
-    kind: Kind,
-    p: &Sylvester<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run(kind, p.fields()?, [p.n, p.m, p.len], (checks, None), control)
-}
-
-fn one_lyapunov(kind: Kind, a: MatRef<'_, f64>, q: MatRef<'_, f64>) -> Result<Solution> {
-    let n = a.nrows();
-    batch::check_shape("A", a, [n, n])?;
-    batch::check_shape("Q", q, [n, n])?;
-    let (a, q) = (batch::rows_of(a), batch::rows_of(q));
-    let problem = Lyapunov { n, len: 1, A: &a, Q: &q };
-    run_lyapunov(kind, &problem, Checks::All, &RunControl::default().threads(1))?.into_one()
-}
-
-fn one_sylvester(
-    kind: Kind,
-    a: MatRef<'_, f64>,
-    b: MatRef<'_, f64>,
-    c: MatRef<'_, f64>,
-) -> Result<Solution> {
-    let (n, m) = (a.nrows(), b.nrows());
-    batch::check_shape("A", a, [n, n])?;
-    batch::check_shape("B", b, [m, m])?;
-    batch::check_shape("C", c, [n, m])?;
-    let (a, b, c) = (batch::rows_of(a), batch::rows_of(b), batch::rows_of(c));
-    let problem = Sylvester { n, m, len: 1, A: &a, B: &b, C: &c };
-    run_sylvester(kind, &problem, Checks::All, &RunControl::default().threads(1))?.into_one()
-}
-
-/// Solutions of a batch of continuous-time Lyapunov equations.
-///
-/// ```text
-/// A X + X A' + Q = 0
-/// ```
-///
-/// `X` is the stationary covariance of `dx/dt = A x + w`, `w` white of intensity
-/// `Q`, where `A` is stable: look at the margin of the report. For an `A` that is
-/// not stable the equation is solved all the same (its margin is NaN), unless two
-/// eigenvalues add up to zero. Shapes and layout in [`Lyapunov`]. Item `k` has
-/// the same bits alone and in any batch, on any CPU and with any number of
-/// threads.
-///
-/// # Source
-/// Smith (1968), SIAM J. Appl. Math. 16, 198-201, squared, after a Cayley
-/// transform; corrected with the residual in twice the working precision.
-///
-/// # Errors
-/// `Shape` for arrays of a wrong length, `Empty` for no item or order zero. What
-/// is wrong with an item is in its report: `NonFinite`, `NotSymmetric`,
-/// `NoUniqueSolution`.
-///
-/// # Examples
-/// ```
-/// use mmae::solve::{Lyapunov, lyapunov_continuous};
-/// // One A, two right-hand sides
-/// let all = lyapunov_continuous(&Lyapunov {
-///     n: 2, len: 2,
-///     A: &[0.0, 1.0, -4.0, -0.4],
-///     Q: &[0.0, 0.0, 0.0, 1.6,   1.0, 0.0, 0.0, 0.0],
-/// })?;
-/// let x = all.item(0)?;   // [w / (2 d w0^2), 0; 0, w / (2 d)] of an oscillator
-/// assert!((x[0] - 0.5).abs() < 1e-15 && x[1].abs() < 1e-15 && (x[3] - 2.0).abs() < 1e-15);
-/// let margin = all.items[0].margin;   // a proved bound: both modes decay at 0.2
-/// assert!(margin > 0.0 && margin <= 0.2 * (1.0 + 1e-12));
-/// # Ok::<(), mmae::Error>(())
-/// ```
-pub fn lyapunov_continuous(problem: &Lyapunov<'_>) -> Result<Solutions> {
-    run_lyapunov(Kind::Continuous, problem, Checks::All, &RunControl::default())
-}
-
-/// As [`lyapunov_continuous`], with a choice of [`Checks`], threads, progress and
-/// cancelling.
-///
-/// # Errors
-/// As [`lyapunov_continuous`], and `Cancelled`.
-pub fn lyapunov_continuous_with(
-    problem: &Lyapunov<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run_lyapunov(Kind::Continuous, problem, checks, control)
-}
-
-/// Solution of one continuous-time Lyapunov equation, see
-/// [`lyapunov_continuous`].
-///
-/// ```text
-/// A X + X A' + Q = 0,    A, Q, X n by n, Q symmetric
-/// ```
-///
-/// # Errors
-/// As [`lyapunov_continuous`]; those of the item too.
-///
-/// # Examples
-/// ```
-/// use mmae::{mat, solve::lyapunov_continuous_one};
-/// let a = mat![[-1.0, 5.0], [0.0, -3.0]];
-/// let q = mat![[2.0, 1.0], [1.0, 4.0]];
-/// let x = lyapunov_continuous_one(a.as_ref(), q.as_ref())?.X;
-/// assert!((&a * &x + &x * a.transpose() + &q).norm_l2() < 1e-14);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-#[expect(non_snake_case, reason = "capital letters are matrices")]
-pub fn lyapunov_continuous_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result<Solution> {
-    one_lyapunov(Kind::Continuous, A, Q)
-}
-
-/// Solutions of a batch of discrete-time Lyapunov (Stein) equations.
-///
-/// ```text
-/// A X A' - X + Q = 0
-/// ```
-///
-/// Otherwise as [`lyapunov_continuous`]; not solvable where two eigenvalues are
-/// reciprocal.
-///
-/// # Errors
-/// As [`lyapunov_continuous`].
-///
-/// # Examples
-/// ```
-/// use mmae::solve::{Lyapunov, lyapunov_discrete};
-/// // x+ = a x + w: X = q / (1 - a^2)
-/// let all = lyapunov_discrete(&Lyapunov { n: 1, len: 2, A: &[0.5, 0.9], Q: &[1.0] })?;
-/// assert!((all.item(0)?[0] - 4.0 / 3.0).abs() < 1e-15);
-/// assert!((all.item(1)?[0] * (1.0 - 0.81) - 1.0).abs() < 1e-15);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-pub fn lyapunov_discrete(problem: &Lyapunov<'_>) -> Result<Solutions> {
-    run_lyapunov(Kind::Discrete, problem, Checks::All, &RunControl::default())
-}
-
-/// As [`lyapunov_discrete`], with a choice of [`Checks`], threads, progress and
-/// cancelling.
-///
-/// # Errors
-/// As [`lyapunov_discrete`], and `Cancelled`.
-pub fn lyapunov_discrete_with(
-    problem: &Lyapunov<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run_lyapunov(Kind::Discrete, problem, checks, control)
-}
-
-/// Solution of one discrete-time Lyapunov equation, see [`lyapunov_discrete`].
-///
-/// ```text
-/// A X A' - X + Q = 0,    A, Q, X n by n, Q symmetric
-/// ```
-///
-/// # Errors
-/// As [`lyapunov_discrete`]; those of the item too.
-///
-/// # Examples
-/// ```
-/// use mmae::{mat, solve::lyapunov_discrete_one};
-/// let a = mat![[0.5, 1.0], [0.0, -0.8]];
-/// let q = mat![[1.0, 0.0], [0.0, 1.0]];
-/// let x = lyapunov_discrete_one(a.as_ref(), q.as_ref())?.X;
-/// assert!((&a * &x * a.transpose() - &x + &q).norm_l2() < 1e-14);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-#[expect(non_snake_case, reason = "capital letters are matrices")]
-pub fn lyapunov_discrete_one(A: MatRef<'_, f64>, Q: MatRef<'_, f64>) -> Result<Solution> {
-    one_lyapunov(Kind::Discrete, A, Q)
-}
-
-/// Solutions of a batch of continuous-time Sylvester equations.
-///
-/// ```text
-/// A X + X B + C = 0
-/// ```
-///
-/// The margin in the report is that of the less stable coefficient. Otherwise as
-/// [`lyapunov_continuous`]; not solvable where an eigenvalue of `A` and one of
-/// `B` add up to zero. Shapes and layout in [`Sylvester`].
-///
-/// # Errors
-/// As [`lyapunov_continuous`].
-///
-/// # Examples
-/// ```
-/// use mmae::solve::{Sylvester, sylvester_continuous};
-/// let all = sylvester_continuous(&Sylvester {
-///     n: 1, m: 2, len: 1, A: &[-1.0], B: &[-2.0, 0.0, 0.0, -3.0], C: &[6.0, 8.0],
-/// })?;
-/// assert_eq!(all.item(0)?, [2.0, 2.0]);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-pub fn sylvester_continuous(problem: &Sylvester<'_>) -> Result<Solutions> {
-    run_sylvester(Kind::Continuous, problem, Checks::All, &RunControl::default())
-}
-
-/// As [`sylvester_continuous`], with a choice of [`Checks`], threads, progress and
-/// cancelling.
-///
-/// # Errors
-/// As [`sylvester_continuous`], and `Cancelled`.
-pub fn sylvester_continuous_with(
-    problem: &Sylvester<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run_sylvester(Kind::Continuous, problem, checks, control)
-}
-
-/// Solution of one continuous-time Sylvester equation, see
-/// [`sylvester_continuous`].
-///
-/// ```text
-/// A X + X B + C = 0,    A n by n, B m by m, C and X n by m
-/// ```
-///
-/// # Errors
-/// As [`sylvester_continuous`]; those of the item too.
-///
-/// # Examples
-/// ```
-/// use mmae::{mat, solve::sylvester_continuous_one};
-/// let (a, b) = (mat![[-1.0, 2.0], [0.0, -3.0]], mat![[-2.0]]);
-/// let c = mat![[1.0], [5.0]];
-/// let x = sylvester_continuous_one(a.as_ref(), b.as_ref(), c.as_ref())?.X;
-/// assert!((&a * &x + &x * &b + &c).norm_l2() < 1e-15);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-#[expect(non_snake_case, reason = "capital letters are matrices")]
-pub fn sylvester_continuous_one(
-    A: MatRef<'_, f64>,
-    B: MatRef<'_, f64>,
-    C: MatRef<'_, f64>,
-) -> Result<Solution> {
-    one_sylvester(Kind::Continuous, A, B, C)
-}
-
-/// Solutions of a batch of discrete-time Sylvester equations.
-///
-/// ```text
-/// A X B - X + C = 0
-/// ```
-///
-/// Otherwise as [`sylvester_continuous`]; not solvable where an eigenvalue of `A`
-/// is the reciprocal of one of `B`.
-///
-/// # Errors
-/// As [`sylvester_continuous`].
-///
-/// # Examples
-/// ```
-/// use mmae::solve::{Sylvester, sylvester_discrete};
-/// let all = sylvester_discrete(&Sylvester {
-///     n: 1, m: 1, len: 1, A: &[0.5], B: &[-0.5], C: &[5.0],
-/// })?;
-/// assert_eq!(all.item(0)?, [4.0]);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-pub fn sylvester_discrete(problem: &Sylvester<'_>) -> Result<Solutions> {
-    run_sylvester(Kind::Discrete, problem, Checks::All, &RunControl::default())
-}
-
-/// As [`sylvester_discrete`], with a choice of [`Checks`], threads, progress and
-/// cancelling.
-///
-/// # Errors
-/// As [`sylvester_discrete`], and `Cancelled`.
-pub fn sylvester_discrete_with(
-    problem: &Sylvester<'_>,
-    checks: Checks,
-    control: &RunControl<'_>,
-) -> Result<Solutions> {
-    run_sylvester(Kind::Discrete, problem, checks, control)
-}
-
-/// Solution of one discrete-time Sylvester equation, see [`sylvester_discrete`].
-///
-/// ```text
-/// A X B - X + C = 0,    A n by n, B m by m, C and X n by m
-/// ```
-///
-/// # Errors
-/// As [`sylvester_discrete`]; those of the item too.
-///
-/// # Examples
-/// ```
-/// use mmae::{mat, solve::sylvester_discrete_one};
-/// let (a, b) = (mat![[0.5, 2.0], [0.0, -0.3]], mat![[-0.2]]);
-/// let c = mat![[1.0], [5.0]];
-/// let x = sylvester_discrete_one(a.as_ref(), b.as_ref(), c.as_ref())?.X;
-/// assert!((&a * &x * &b - &x + &c).norm_l2() < 1e-15);
-/// # Ok::<(), mmae::Error>(())
-/// ```
-#[expect(non_snake_case, reason = "capital letters are matrices")]
-pub fn sylvester_discrete_one(
-    A: MatRef<'_, f64>,
-    B: MatRef<'_, f64>,
-    C: MatRef<'_, f64>,
-) -> Result<Solution> {
-    one_sylvester(Kind::Discrete, A, B, C)
+    batch::run(&batch, len, flops, control)
 }

@@ -171,6 +171,11 @@ impl<'a> Field<'a> {
         &self.data[k * self.stride..][..self.rows * self.cols]
     }
 
+    /// True if all items share one matrix.
+    pub(crate) fn is_shared(&self) -> bool {
+        self.stride == 0
+    }
+
     /// Rows and columns.
     pub(crate) fn shape(&self) -> (usize, usize) {
         (self.rows, self.cols)

@@ -22,10 +22,11 @@ pub struct ItemReport {
     pub status: Result<(), Error>,
     /// Frobenius norm of the residual over the sum of the norms of its terms,
     /// in balanced coordinates (so a change of units leaves it alone). It is
-    /// measured before the last correction, in twice the working precision.
+    /// measured before the last correction, in twice the working precision; for an
+    /// item that needed none, in the working precision.
     pub residual: f64,
     /// Size of the last correction relative to `X`, in balanced coordinates:
-    /// what the iteration could still see.
+    /// what the iteration could still see. Zero for an item that needed none.
     pub correction: f64,
     /// Verified stability margin of the closed loop (of `A` itself for linear
     /// equations): every eigenvalue has `Re <= -margin` in continuous time,
@@ -35,7 +36,7 @@ pub struct ItemReport {
     /// Doubling steps spent, corrections included.
     pub iterations: u32,
     /// Bound on `|X - X_exact| / |X|` in the Frobenius norm, where computed:
-    /// from the last two corrections and the condition, see
+    /// from the residual or the last corrections, and the condition, see
     /// [the guide](crate::guide::solvers). Exact is the solution for the numbers
     /// as given.
     pub error_bound: Option<f64>,

@@ -6,13 +6,11 @@ use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier, dispatch_twice};
-use crate::solve::batch::{
-    self, Equation, gather, lanes_of, launch, minus_unit, scatter, unit, zero,
-};
+use crate::solve::batch::{self, Equation, gather, lanes_of, minus_unit, scatter, unit, zero};
 use crate::solve::checks::Checks;
 use crate::solve::explain::explain;
 use crate::solve::fallback::sign_start;
-use crate::solve::lanes::{Block, Coefficients, Data, Kind};
+use crate::solve::lanes::{Block, Coefficients, Kind};
 use crate::solve::problem::{Field, Riccati};
 use crate::solve::report::{ItemReport, Method, Solution, Solutions, judged};
 
@@ -29,42 +27,6 @@ struct Batch<'a> {
 /// Orders beyond which an item is not doubled in twice the precision: it would
 /// take many seconds.
 const MAX_TWICE: usize = 128;
-
-/// A range of items in lanes.
-struct Chunk<'a> {
-    batch: &'a Batch<'a>,
-    first: usize,
-    bad: &'a [bool],
-    x: &'a mut [f64],
-}
-
-impl Kernel for Chunk<'_> {
-    type Out = Vec<ItemReport>;
-    #[inline(always)]
-    fn run<T: Real>(self) -> Vec<ItemReport> {
-        let Chunk { batch, first, bad, x } = self;
-        let mut block = Block::<T>::new(batch.n, batch.m);
-        block.set_bounds(batch.bounds);
-        let size = batch.n * batch.n;
-        let mut reports = Vec::with_capacity(bad.len());
-        for start in (0..bad.len()).step_by(T::LANES) {
-            let at = lanes_of(first, start, bad);
-            batch.load(&at, &mut block.data);
-            block.solve(batch.kind);
-            let lanes = T::LANES.min(bad.len() - start);
-            scatter(&block.x, &mut x[start * size..][..lanes * size]);
-            for lane in 0..lanes {
-                reports.push(read(&block, lane, Method::Doubling));
-            }
-        }
-        for (local, report) in reports.iter_mut().enumerate() {
-            if report.status.is_err() && !bad[local] {
-                batch.try_again(first + local, report, &mut x[local * size..][..size]);
-            }
-        }
-        reports
-    }
-}
 
 /// How an item is tried again.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -94,9 +56,10 @@ impl Kernel for Single<'_> {
     #[inline(always)]
     fn run<T: Real>(self) -> ItemReport {
         let Single { batch, item, route, x } = self;
-        let mut block = Block::<T>::new(batch.n, batch.m);
-        block.set_bounds(batch.bounds);
-        batch.load(&vec![Some(item); T::LANES], &mut block.data);
+        let mut block = batch.block::<T>();
+        let at = batch::alone::<T>(item);
+        // What is in the lanes has passed the check already.
+        let _ = batch.load(&at, &mut block);
         if route == Route::Doubling {
             block.solve(batch.kind);
         } else {
@@ -104,7 +67,9 @@ impl Kernel for Single<'_> {
             block.solve_from(batch.kind, route == Route::Tilted, start);
         }
         scatter(&block.x, x);
-        read(&block, 0, Method::Fallback)
+        let mut report = Vec::with_capacity(1);
+        batch.read(&block, &at[..1], Method::Fallback, &mut report);
+        report.pop().unwrap_or_else(ItemReport::pending)
     }
 }
 
@@ -120,50 +85,92 @@ fn sign_start_in_lanes<T: Real>(
     Some((x.into_iter().map(T::splat).collect(), T::splat(f64::from(steps))))
 }
 
-/// The report of one lane; its status is an error if the lane failed, of which
-/// the caller finds the reason.
-#[inline(always)]
-fn read<T: Real>(block: &Block<T>, lane: usize, method: Method) -> ItemReport {
-    let iterations = block.steps.lane(lane) as u32;
-    let residual = block.residual.lane(lane);
-    let status = if block.done.lane(lane) {
-        Ok(())
-    } else if block.indefinite.lane(lane) {
-        Err(Error::NotPositiveDefinite { what: "R".into() })
-    } else {
-        Err(Error::NoStabilizingSolution { what: String::new(), residual, iterations })
-    };
-    let (error_bound, condition, sound) =
-        judged(block.error_bound.lane(lane), block.condition.lane(lane));
-    ItemReport {
-        status,
-        residual,
-        correction: block.correction.lane(lane),
-        margin: block.margin.lane(lane),
-        iterations,
-        error_bound,
-        condition,
-        reliable: sound && block.done.lane(lane) && !block.odd_weight.lane(lane),
-        method,
-    }
-}
+impl Equation for Batch<'_> {
+    type Block<T: Real> = Block<T>;
 
-impl Batch<'_> {
-    /// Copies the items `at` to lanes; bad items become a harmless equation.
+    fn fields(&self) -> &[Field<'_>] {
+        &self.fields
+    }
+
+    fn shape(&self) -> [usize; 2] {
+        [self.n, self.n]
+    }
+
+    fn tier(&self) -> Option<Tier> {
+        self.tier
+    }
+
     #[inline(always)]
-    fn load<T: Real>(&self, at: &[Option<usize>], d: &mut Data<T>) {
-        gather(&self.fields[0], at, minus_unit, &mut d.a);
-        gather(&self.fields[1], at, zero, &mut d.b);
-        gather(&self.fields[2], at, unit, &mut d.q);
-        gather(&self.fields[3], at, unit, &mut d.r);
-        match self.fields.get(4) {
-            Some(s) => gather(s, at, zero, &mut d.s),
-            None => d.s.fill(T::zero()),
+    fn block<T: Real>(&self) -> Block<T> {
+        let mut block = Block::new(self.n, self.m);
+        block.set_bounds(self.bounds);
+        block.data.has_cross = self.fields.len() > 4;
+        block
+    }
+
+    #[inline(always)]
+    fn load<T: Real>(&self, at: &[Option<usize>], block: &mut Block<T>) -> T::Mask {
+        let d = &mut block.data;
+        let mut good = gather(&self.fields[0], at, minus_unit, &mut d.a);
+        good = good & gather(&self.fields[1], at, zero, &mut d.b);
+        good = good & gather(&self.fields[2], at, unit, &mut d.q);
+        good = good & gather(&self.fields[3], at, unit, &mut d.r);
+        if let Some(s) = self.fields.get(4) {
+            good = good & gather(s, at, zero, &mut d.s);
+        }
+        good
+    }
+
+    #[inline(always)]
+    fn solve<T: Real>(&self, block: &mut Block<T>) {
+        block.solve(self.kind);
+    }
+
+    #[inline(always)]
+    fn solutions<'b, T: Real>(&self, block: &'b Block<T>) -> &'b [T] {
+        &block.x
+    }
+
+    /// The status is an error if the lane failed, of which [`Batch::try_again`]
+    /// finds the reason.
+    #[inline(always)]
+    fn read<T: Real>(
+        &self,
+        block: &Block<T>,
+        at: &[Option<usize>],
+        method: Method,
+        reports: &mut Vec<ItemReport>,
+    ) {
+        let (steps, margin) = (lanes_of(block.steps), lanes_of(block.margin));
+        let (residual, correction) = (lanes_of(block.residual), lanes_of(block.correction));
+        let (bound, condition) = (lanes_of(block.error_bound), lanes_of(block.condition));
+        for lane in 0..at.len() {
+            let iterations = steps[lane] as u32;
+            let residual = residual[lane];
+            let status = if block.done.lane(lane) {
+                Ok(())
+            } else if block.indefinite.lane(lane) {
+                Err(Error::NotPositiveDefinite { what: "R".into() })
+            } else {
+                Err(Error::NoStabilizingSolution { what: String::new(), residual, iterations })
+            };
+            let (error_bound, condition, sound) = judged(bound[lane], condition[lane]);
+            reports.push(ItemReport {
+                reliable: sound && status.is_ok() && !block.odd_weight.lane(lane),
+                status,
+                residual,
+                correction: correction[lane],
+                margin: margin[lane],
+                iterations,
+                error_bound,
+                condition,
+                method,
+            });
         }
     }
 
-    /// Tries a failed item again, one at a time, in twice the precision; or says
-    /// why it has no solution.
+    /// Alone, in twice the precision.
+    #[inline(never)]
     fn try_again(&self, item: usize, report: &mut ItemReport, x: &mut [f64]) {
         let indefinite = matches!(report.status, Err(Error::NotPositiveDefinite { .. }));
         for route in Route::ALL {
@@ -192,12 +199,6 @@ impl Batch<'_> {
     }
 }
 
-impl Equation for Batch<'_> {
-    fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
-        launch(self.tier, Chunk { batch: self, first, bad, x })
-    }
-}
-
 pub(super) fn run(
     kind: Kind,
     problem: &Riccati<'_>,
@@ -208,9 +209,9 @@ pub(super) fn run(
     let bounds = checks == Checks::All;
     let fields = problem.fields()?;
     let (n, m) = (problem.n, problem.m);
-    let batch = Batch { kind, n, m, fields: fields.clone(), bounds, tier };
+    let batch = Batch { kind, n, m, fields, bounds, tier };
     let cubed = n.saturating_pow(3).saturating_add(n.saturating_mul(n).saturating_mul(m));
-    batch::run(&batch, &fields, [n, n], problem.len, cubed.saturating_mul(250), control)
+    batch::run(&batch, problem.len, cubed.saturating_mul(250), control)
 }
 
 /// One problem from faer matrices.

@@ -6,9 +6,7 @@ use crate::error::{Error, Result};
 use crate::par::RunControl;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, Tier, dispatch_twice};
-use crate::solve::batch::{
-    self, Equation, gather, lanes_of, launch, minus_unit, scatter, unit, zero,
-};
+use crate::solve::batch::{self, Equation, gather, minus_unit, scatter, unit, zero};
 use crate::solve::lanes::{Flow, transpose_data};
 use crate::solve::problem::{Field, RiccatiOde};
 use crate::solve::report::{ItemReport, Method, Solution, Solutions};
@@ -27,43 +25,6 @@ struct Batch<'a> {
     tier: Option<Tier>,
 }
 
-/// A range of items in lanes.
-struct Chunk<'a> {
-    batch: &'a Batch<'a>,
-    first: usize,
-    bad: &'a [bool],
-    x: &'a mut [f64],
-}
-
-impl Kernel for Chunk<'_> {
-    type Out = Vec<ItemReport>;
-    #[inline(always)]
-    fn run<T: Real>(self) -> Vec<ItemReport> {
-        let Chunk { batch, first, bad, x } = self;
-        let mut flow = Flow::<T>::new(batch.n, batch.m);
-        let size = batch.n * batch.n;
-        let mut reports = Vec::with_capacity(bad.len());
-        for start in (0..bad.len()).step_by(T::LANES) {
-            batch.load(&lanes_of(first, start, bad), &mut flow);
-            flow.solve();
-            let lanes = T::LANES.min(bad.len() - start);
-            scatter(&flow.p, &mut x[start * size..][..lanes * size]);
-            for lane in 0..lanes {
-                let k = first + start + lane;
-                reports.push(batch.read(&flow, lane, k, Method::Doubling));
-            }
-        }
-        for (local, report) in reports.iter_mut().enumerate() {
-            let long = report.iterations > MAX_DOUBLINGS && batch.n <= MAX_TWICE;
-            if long && !bad[local] {
-                let x = &mut x[local * size..][..size];
-                *report = dispatch_twice(Single { batch, item: first + local, x });
-            }
-        }
-        reports
-    }
-}
-
 /// One item in twice the precision.
 struct Single<'a> {
     batch: &'a Batch<'a>,
@@ -76,59 +37,108 @@ impl Kernel for Single<'_> {
     #[inline(always)]
     fn run<T: Real>(self) -> ItemReport {
         let Single { batch, item, x } = self;
-        let mut flow = Flow::<T>::new(batch.n, batch.m);
-        batch.load(&vec![Some(item); T::LANES], &mut flow);
+        let mut flow = batch.block::<T>();
+        let at = batch::alone::<T>(item);
+        // What is in the lanes has passed the check already.
+        let _ = batch.load(&at, &mut flow);
         flow.solve();
         scatter(&flow.p, x);
-        batch.read(&flow, 0, item, Method::Fallback)
-    }
-}
-
-impl Batch<'_> {
-    /// Copies the items `at` to lanes; bad items become a harmless equation.
-    #[inline(always)]
-    fn load<T: Real>(&self, at: &[Option<usize>], flow: &mut Flow<T>) {
-        let d = &mut flow.data;
-        gather(&self.fields[0], at, minus_unit, &mut d.a);
-        gather(&self.fields[1], at, zero, &mut d.b);
-        gather(&self.fields[2], at, unit, &mut d.q);
-        gather(&self.fields[3], at, unit, &mut d.r);
-        d.s.fill(T::zero());
-        transpose_data(d);
-        gather(&self.fields[4], at, unit, &mut flow.p);
-        let mut h = [T::zero()];
-        gather(&self.fields[5], at, zero, &mut h);
-        flow.h = h[0];
-    }
-
-    /// The report of one lane, which holds item `k`.
-    #[inline(always)]
-    fn read<T: Real>(&self, flow: &Flow<T>, lane: usize, k: usize, method: Method) -> ItemReport {
-        let h = self.fields[5].item(k)[0];
-        let status = if !(h > 0.0 && h.is_finite()) {
-            Err(Error::InvalidDt { dt: h })
-        } else if flow.indefinite.lane(lane) {
-            Err(Error::NotPositiveDefinite { what: "R".into() })
-        } else if flow.escaped.lane(lane) {
-            Err(Error::FiniteEscape { what: "Riccati differential equation".into(), h })
-        } else if flow.done.lane(lane) {
-            Ok(())
-        } else {
-            Err(Error::Range {
-                what: "h".into(),
-                value: h,
-                remedy: "the covariance overflows within the step; shorten it".into(),
-            })
-        };
-        let reliable = status.is_ok();
-        let iterations = flow.steps.lane(lane) as u32;
-        ItemReport { status, iterations, reliable, method, ..ItemReport::pending() }
+        let mut report = Vec::with_capacity(1);
+        batch.read(&flow, &at[..1], Method::Fallback, &mut report);
+        report.pop().unwrap_or_else(ItemReport::pending)
     }
 }
 
 impl Equation for Batch<'_> {
-    fn solve(&self, first: usize, bad: &[bool], x: &mut [f64]) -> Vec<ItemReport> {
-        launch(self.tier, Chunk { batch: self, first, bad, x })
+    type Block<T: Real> = Flow<T>;
+
+    fn fields(&self) -> &[Field<'_>] {
+        &self.fields
+    }
+
+    fn shape(&self) -> [usize; 2] {
+        [self.n, self.n]
+    }
+
+    fn tier(&self) -> Option<Tier> {
+        self.tier
+    }
+
+    #[inline(always)]
+    fn block<T: Real>(&self) -> Flow<T> {
+        Flow::new(self.n, self.m)
+    }
+
+    #[inline(always)]
+    fn load<T: Real>(&self, at: &[Option<usize>], flow: &mut Flow<T>) -> T::Mask {
+        let d = &mut flow.data;
+        let mut good = gather(&self.fields[0], at, minus_unit, &mut d.a);
+        good = good & gather(&self.fields[1], at, zero, &mut d.b);
+        good = good & gather(&self.fields[2], at, unit, &mut d.q);
+        good = good & gather(&self.fields[3], at, unit, &mut d.r);
+        transpose_data(d);
+        good = good & gather(&self.fields[4], at, unit, &mut flow.p);
+        let mut h = [T::zero()];
+        good = good & gather(&self.fields[5], at, zero, &mut h);
+        flow.h = h[0];
+        good
+    }
+
+    #[inline(always)]
+    fn solve<T: Real>(&self, flow: &mut Flow<T>) {
+        flow.solve();
+    }
+
+    #[inline(always)]
+    fn solutions<'b, T: Real>(&self, flow: &'b Flow<T>) -> &'b [T] {
+        &flow.p
+    }
+
+    #[inline(always)]
+    fn read<T: Real>(
+        &self,
+        flow: &Flow<T>,
+        at: &[Option<usize>],
+        method: Method,
+        reports: &mut Vec<ItemReport>,
+    ) {
+        for (lane, at) in at.iter().enumerate() {
+            let h = at.map_or(f64::NAN, |k| self.fields[5].item(k)[0]);
+            let status = if !(h > 0.0 && h.is_finite()) {
+                Err(Error::InvalidDt { dt: h })
+            } else if flow.indefinite.lane(lane) {
+                Err(Error::NotPositiveDefinite { what: "R".into() })
+            } else if flow.escaped.lane(lane) {
+                Err(Error::FiniteEscape { what: "Riccati differential equation".into(), h })
+            } else if flow.done.lane(lane) {
+                Ok(())
+            } else {
+                Err(Error::Range {
+                    what: "h".into(),
+                    value: h,
+                    remedy: "the covariance overflows within the step; shorten it".into(),
+                })
+            };
+            let reliable = status.is_ok();
+            let iterations = flow.steps.lane(lane) as u32;
+            reports.push(ItemReport {
+                status,
+                iterations,
+                reliable,
+                method,
+                ..ItemReport::pending()
+            });
+        }
+    }
+
+    fn is_unfinished(&self, report: &ItemReport) -> bool {
+        report.iterations > MAX_DOUBLINGS && self.n <= MAX_TWICE
+    }
+
+    /// In twice the precision.
+    #[inline(never)]
+    fn try_again(&self, item: usize, report: &mut ItemReport, x: &mut [f64]) {
+        *report = dispatch_twice(Single { batch: self, item, x });
     }
 }
 
@@ -139,9 +149,9 @@ pub(super) fn run(
 ) -> Result<Solutions> {
     let fields = problem.fields()?;
     let (n, m) = (problem.n, problem.m);
-    let batch = Batch { n, m, fields: fields.clone(), tier };
+    let batch = Batch { n, m, fields, tier };
     let cubed = n.saturating_pow(3).saturating_add(n.saturating_mul(n).saturating_mul(m));
-    batch::run(&batch, &fields, [n, n], problem.len, cubed.saturating_mul(400), control)
+    batch::run(&batch, problem.len, cubed.saturating_mul(400), control)
 }
 
 /// `P` after a step of a batch of Riccati differential equations with constant

@@ -10,6 +10,7 @@ use mmae::solve::{
 use mmae::{Error, Result};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 pub(crate) fn random(seed: u64, count: usize) -> Vec<f64> {
     let mut rng = StdRng::seed_from_u64(seed);
@@ -197,5 +198,27 @@ fn shared_arrays_are_repeated() {
     for k in 0..5 {
         let one = Riccati { len: 1, A: &family.a[k * 9..][..9], ..p };
         assert_bits("item", all.item(k).unwrap(), &mmae::solve::care(&one).unwrap().x);
+    }
+}
+
+#[test]
+fn a_long_solve_can_be_cancelled() {
+    let (n, len) = (6, 60_000);
+    let mut a = random(7, n * n);
+    (0..n).for_each(|i| a[i * n + i] -= 4.0);
+    let q = covariances(8, n, len, 0.1);
+    let p = Lyapunov { n, len, A: &a, Q: &q };
+    for threads in [1, 2] {
+        let (flag, seen) = (AtomicBool::new(false), AtomicU64::new(0));
+        let stop = |done: u64, total: u64| {
+            assert!(done < total);
+            seen.store(done, Ordering::Relaxed);
+            flag.store(true, Ordering::Relaxed);
+        };
+        let control = RunControl::default().threads(threads).cancel(&flag).progress(&stop);
+        let out = lyapunov_continuous_with(&p, Checks::All, &control);
+        assert_eq!(out.err(), Some(Error::Cancelled));
+        let seen = seen.into_inner();
+        assert!(seen > 0 && seen < len as u64 / 2, "{seen} of {len} were solved all the same");
     }
 }

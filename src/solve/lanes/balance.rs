@@ -68,11 +68,13 @@ outlined! {
         for x in a.iter_mut().chain(g.iter_mut()).chain(q.iter_mut()) {
             *x = x.abs();
         }
+        let mut active = T::Mask::splat(true);
         for _ in 0..SWEEPS {
+            // A sweep that changed nothing by more than a factor of two was the last.
             let mut changed = T::Mask::splat(false);
             for i in 0..n {
-                let e = exponent(n, i, [&*a, &*g, &*q]);
-                changed = changed | e.abs().gt(T::zero());
+                let e = T::select(active, exponent(n, i, [&*a, &*g, &*q]), T::zero());
+                changed = changed | e.abs().gt(T::one());
                 if !e.abs().gt(T::zero()).any() {
                     continue;
                 }
@@ -89,7 +91,8 @@ outlined! {
                     }
                 }
             }
-            if !changed.any() {
+            active = changed;
+            if !active.any() {
                 break;
             }
         }

@@ -18,6 +18,52 @@ const SUMS: f64 = 16.0;
 /// What such a sum leaves that is ended early, see [`super::powers::Digits`].
 const ENDED: f64 = 1.0 / (1_u64 << 26) as f64;
 
+/// A bound on the error of a first solution below which it is not corrected.
+const ENOUGH: f64 = 1e-13;
+/// Orders up to which every item is corrected all the same: it costs next to
+/// nothing, and solutions in closed form come out as one would write them.
+const TINY: usize = 2;
+
+/// What is known of a solution from its residual in plain arithmetic.
+///
+/// ```text
+/// |X - X*| / |X| <= 1.25 eps + (2 |R| + eps t) / s * kappa
+/// ```
+/// `R` the residual as computed, `s` the sum of the norms of its terms, `kappa` the
+/// condition (relative to `s`), `t` the terms with the norms of products replaced by
+/// products of norms: what rounding of the residual can hide.
+#[derive(Clone, Copy)]
+pub(super) struct FirstLook<T> {
+    /// `|R| / s`.
+    pub(super) residual: T,
+    /// `s`.
+    pub(super) size: T,
+    /// `t / s`.
+    pub(super) terms: T,
+}
+
+impl<T: Real> FirstLook<T> {
+    /// The bound.
+    #[inline(always)]
+    pub(super) fn bound(self, condition: T) -> T {
+        let share = self.residual + self.residual + T::splat(T::EPSILON) * self.terms;
+        share.mul_add(condition, T::splat(ROUNDING))
+    }
+}
+
+/// True if solutions of order `n` in numbers `T` are looked at before they are
+/// corrected.
+#[inline(always)]
+pub(super) fn looks_first<T: Real>(n: usize) -> bool {
+    T::EPSILON == f64::EPSILON && n > TINY
+}
+
+/// Lanes with a bound that needs no correction.
+#[inline(always)]
+pub(super) fn is_enough<T: Real>(bound: T) -> T::Mask {
+    bound.le(T::splat(ENOUGH))
+}
+
 /// Sizes of the last corrections of a solution, relative to it.
 #[derive(Clone, Copy)]
 pub(super) struct Amplification<T> {
@@ -79,7 +125,7 @@ pub(super) fn rate_of_sums<T: Real>(n: usize, condition: T, nonlinear: T) -> T {
 }
 
 /// `|D^-1 part D^-1| / |D^-1 whole D^-1|` for `D = diag(2^k)`, both n by n; zero
-/// where that is beyond the range of numbers.
+/// where that is beyond the range of numbers, or `|part| / |whole|`.
 #[inline(always)]
 pub(super) fn in_units<T: Real>(k: &[T], part: &[T], whole: &[T]) -> T {
     let mut least = k[0];
@@ -94,6 +140,10 @@ outlined! {
     /// `origin` is taken from the exponents: it cancels.
     pub(super) fn shares(left: &'a [T], right: &'a [T], origin: [T; 2], sides: [f64; 2], part: &'a [T], whole: &'a [T]) -> T {
         let cols = right.len();
+        let even = is_even(left) & is_even(right);
+        if even.all() {
+            return T::zero();
+        }
         let (l, r) = (T::splat(sides[0]), T::splat(sides[1]));
         let (mut sum_part, mut sum_whole) = (T::zero(), T::zero());
         for j in 0..cols {
@@ -106,8 +156,19 @@ outlined! {
             }
         }
         let share = (sum_part / sum_whole).sqrt();
-        T::select(share.is_finite() & share.ge(T::zero()), share, T::zero())
+        let use_it = !even & share.is_finite() & share.ge(T::zero());
+        T::select(use_it, share, T::zero())
     }
+}
+
+/// Lanes whose exponents are all the same: units that change no ratio.
+#[inline(always)]
+fn is_even<T: Real>(k: &[T]) -> T::Mask {
+    let mut even = T::Mask::splat(true);
+    for &e in &k[1..] {
+        even = even & e.eq(k[0]);
+    }
+    even
 }
 
 /// `2^e`, `e` brought within the range of normal numbers.

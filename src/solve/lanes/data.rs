@@ -29,6 +29,8 @@ pub(crate) struct Data<T> {
     pub(crate) q: Vec<T>,
     pub(crate) r: Vec<T>,
     pub(crate) s: Vec<T>,
+    /// False if `s` is zero throughout.
+    pub(crate) has_cross: bool,
     /// Exponents of the states: `X = 2^cost D^-1 X_s D^-1`.
     pub(super) scale: Vec<T>,
     /// Exponents of the inputs.
@@ -51,6 +53,7 @@ impl<T: Real> Data<T> {
             q: zeros(n * n),
             r: zeros(m * m),
             s: zeros(n * m),
+            has_cross: false,
             scale: zeros(n),
             inputs: zeros(m),
             cost: T::zero(),
@@ -120,11 +123,15 @@ outlined! {
         }
         apply(inputs, [1.0, 1.0], &mut d.r, [m, m]);
         apply(inputs, [0.0, 1.0], &mut d.b, [n, m]);
-        apply(inputs, [0.0, 1.0], &mut d.s, [n, m]);
+        if d.has_cross {
+            apply(inputs, [0.0, 1.0], &mut d.s, [n, m]);
+        }
         let half_cost = (exponent_of(&d.q) * half).round_ties_even();
         let states = ((exponent_of(&d.b) + half_cost) * half).round_ties_even();
         shift(&mut d.q, states + states - half_cost - half_cost);
-        shift(&mut d.s, states - half_cost);
+        if d.has_cross {
+            shift(&mut d.s, states - half_cost);
+        }
         shift(&mut d.b, half_cost - states);
         d.cost = half_cost + half_cost;
         d.scale.fill(states);
@@ -153,7 +160,9 @@ outlined! {
             apply(k, sides, x, [n, n]);
         }
         apply(k, [-1.0, 0.0], &mut d.b, [n, m]);
-        apply(k, [1.0, 0.0], &mut d.s, [n, m]);
+        if d.has_cross {
+            apply(k, [1.0, 0.0], &mut d.s, [n, m]);
+        }
         for (e, &k) in d.scale.iter_mut().zip(k.iter()) {
             *e = *e + k;
         }
@@ -165,8 +174,9 @@ outlined! {
             for x in [&mut d.a, &mut d.q, &mut c.a, &mut c.g, &mut c.q] {
                 shift(x, -d.time);
             }
-            for x in [&mut d.b, &mut d.s] {
-                shift(x, -j);
+            shift(&mut d.b, -j);
+            if d.has_cross {
+                shift(&mut d.s, -j);
             }
             c.gamma = gamma(doubling, c.coefficients());
         }
@@ -242,8 +252,13 @@ outlined! {
         c.q.copy_from_slice(&d.q);
         l.copy_from_slice(&d.r);
         transpose(d.n, d.m, &d.b, bt);
-        transpose(d.n, d.m, &d.s, st);
-        if !x0.eq(T::zero()).all() {
+        let shifted = !x0.eq(T::zero()).all();
+        if d.has_cross {
+            transpose(d.n, d.m, &d.s, st);
+        } else {
+            st.fill(T::zero());
+        }
+        if shifted {
             for (t, &x) in scaled.iter_mut().zip(&d.a) {
                 *t = x0 * x;
             }
@@ -259,10 +274,12 @@ outlined! {
         }
         let positive = cholesky(m, l);
         solve_lower(m, n, l, bt);
-        solve_lower(m, n, l, st);
-        mul_sub_tn(n, m, n, bt, st, &mut c.a);
         sym_mul_tn(n, m, bt, bt, &mut c.g);
-        sym_mul_sub_tn(n, m, st, st, &mut c.q);
+        if d.has_cross || shifted {
+            solve_lower(m, n, l, st);
+            mul_sub_tn(n, m, n, bt, st, &mut c.a);
+            sym_mul_sub_tn(n, m, st, st, &mut c.q);
+        }
         positive
     }
 }

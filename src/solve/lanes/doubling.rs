@@ -1,12 +1,10 @@
 //! Structure-preserving doubling for Riccati equations, across lanes.
 
 use super::balance::exponent_of;
-use super::ops::{assign, norm, outlined};
+use super::ops::outlined;
 use super::powers::{gamma_near, mean_log2_of_pivots};
 use crate::real::{Mask, Real};
-use crate::small::{
-    Dyn, dot, inverse, lu_factor, lu_solve, mul, mul_add, sym_mul_add_nt, sym_mul_add_tn,
-};
+use crate::small::{Dyn, dot, inverse, lu_factor, lu_solve, mul, sym_mul_add_nt, sym_mul_tn};
 
 /// Steps after which a lane is given up.
 const MAX_STEPS: usize = 48;
@@ -100,7 +98,7 @@ impl<T: Real> Doubling<T> {
             }
             let (change, size, regular) = step_h(self);
             let sound = regular & change.is_finite() & size.is_finite();
-            let settled = sound & change.le(size * T::splat(SETTLED));
+            let settled = sound & change.le(size * T::splat(SETTLED * SETTLED));
             // A lane that settled or failed has no use for the rest of the step.
             if (active & sound & !settled).any() {
                 step_rest(self);
@@ -132,30 +130,28 @@ impl<T: Real> Doubling<T> {
 }
 
 outlined! {
-    /// The first half of a step, into `next_h`; returns `|H+ - H|`, `|H+|` and the
-    /// lanes in which `W` was regular. Leaves the factors of `W` in `w`, `W^-1 E`
+    /// The first half of a step, into `next_h`; returns `|H+ - H|^2`, `|H+|^2` and
+    /// the lanes in which `W` was regular. Leaves the factors of `W` in `w`, `W^-1 E`
     /// in `v`.
     fn step_h(d: &'a mut Doubling<T>) -> (T, T, T::Mask) {
         let size = d.n;
         let n = Dyn(size);
         let (w, v, u) = (&mut d.w, &mut d.v, &mut d.u);
-        w.fill(T::zero());
+        mul(n, n, n, &d.g, &d.h, w);
         for i in 0..size {
-            w[i * size + i] = T::one();
+            w[i * size + i] = w[i * size + i] + T::one();
         }
-        mul_add(n, n, n, &d.g, &d.h, w);
         v.copy_from_slice(&d.e);
         let regular = lu_factor(n, w, &mut d.perm[..size]).ok;
         lu_solve(n, n, w, &d.perm[..size], v);
         // H+ = H + E' (H V)
         mul(n, n, n, &d.h, v, u);
-        d.next_h.fill(T::zero());
-        sym_mul_add_tn(n, n, &d.e, u, &mut d.next_h);
-        let change = norm(&d.next_h);
+        sym_mul_tn(n, n, &d.e, u, &mut d.next_h);
+        let change = dot(&d.next_h, &d.next_h);
         for (x, &h) in d.next_h.iter_mut().zip(&d.h) {
             *x = *x + h;
         }
-        (change, norm(&d.next_h), regular)
+        (change, dot(&d.next_h, &d.next_h), regular)
     }
 }
 

@@ -1,13 +1,18 @@
 //! One lane block of Lyapunov or Sylvester equations: balance, sum, correct.
 
 use super::balance::{apply, balance, exponent_of, shift};
-use super::bound::{Amplification, rate_of_sums, rate_of_two, shares};
+use super::bound::{
+    Amplification, FirstLook, is_enough, looks_first, rate_of_sums, rate_of_two, shares,
+};
 use super::data::Kind;
 use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
 use super::ops::{add_where, largest, norm, outlined, transpose};
 use super::powers::{Cayley, Digits, gamma_of};
-use super::smith::{lyapunov_to, stein_pair, stein_to, sylvester};
+use super::smith::{
+    lyapunov_of_identity, lyapunov_to, stein_of_identity, stein_pair, stein_to, sylvester,
+};
 use crate::real::{Mask, Real};
+use crate::small::{Dyn, mul, sym_mul_nt};
 
 /// Corrections after which a lane is given up.
 const MAX_CORRECTIONS: usize = 6;
@@ -270,12 +275,70 @@ outlined! {
             if l.bounds && finished.any() {
                 finished = measure(l, finished, [before, correction], size, inverse);
             }
+            let plain = looks_first::<T>(l.n) && l.symmetric && inverse.is_none();
+            if round == 0 && plain {
+                finished = finished | accept(l, active & !finished);
+            }
             before = correction;
             l.done = l.done | finished;
             l.correction = T::select(active & none, T::zero(), l.correction);
             l.residual = T::select(active & none, relative, l.residual);
             active = active & !finished & correction.is_finite();
         }
+    }
+}
+
+outlined! {
+    /// A first look at the solution of a Lyapunov equation, in plain arithmetic;
+    /// returns the lanes of `wanted` that need no correction.
+    ///
+    /// ```text
+    /// R = A X + X A' + C,    R = A X A' - X + C
+    /// ```
+    fn accept(l: &'a mut Linear<T>, wanted: T::Mask) -> T::Mask {
+        if !wanted.any() {
+            return wanted;
+        }
+        let n = l.n;
+        let (p, r) = (&mut l.p[0], &mut l.r[0]);
+        let (scale, of_a, of_c) = (norm(&l.x), norm(&l.a), norm(&l.c));
+        // P = A X
+        mul(Dyn(n), Dyn(n), Dyn(n), &l.a, &l.x, p);
+        let (size, terms) = match l.kind {
+            Kind::Continuous => {
+                for i in 0..n {
+                    for j in 0..=i {
+                        let (u, v) = (i * n + j, j * n + i);
+                        let x = (p[u] + p[v]) + l.c[u];
+                        r[u] = x;
+                        r[v] = x;
+                    }
+                }
+                let two = T::splat(2.0);
+                (two.mul_add(norm(p), of_c), two.mul_add(of_a * scale, of_c))
+            }
+            Kind::Discrete => {
+                sym_mul_nt(Dyn(n), Dyn(n), p, &l.a, r);
+                let others = scale + of_c;
+                let sizes = (norm(r) + others, (of_a * of_a).mul_add(scale, others));
+                for e in 0..n * n {
+                    r[e] = (r[e] - l.x[e]) + l.c[e];
+                }
+                sizes
+            }
+        };
+        let residual = norm(r) / size;
+        let look = FirstLook { residual, size, terms: terms / size };
+        let (here, there) = condition(l, look.size, scale, None);
+        let bound = look.bound(here.max(there));
+        let enough = wanted & is_enough(bound) & scale.gt(T::zero());
+        l.residual = T::select(enough, residual, l.residual);
+        l.correction = T::select(enough, T::zero(), l.correction);
+        if l.bounds {
+            l.condition = T::select(enough, here, l.condition);
+            l.error_bound = T::select(enough, bound, l.error_bound);
+        }
+        enough
     }
 }
 
@@ -333,19 +396,20 @@ fn condition<T: Real>(
     let (n, m) = (l.n, l.m);
     let zero = scale.eq(T::zero());
     let (mut here, mut there) = (T::zero(), T::zero());
-    let exact = l.symmetric && inverse.is_none();
-    for probe in 0..if exact { 1 } else { PROBES } {
-        let share_of_entry = if exact { 1.0 } else { 1.0 / ((n * m) as f64).sqrt() };
-        let entry = size * T::splat(share_of_entry);
+    if l.symmetric && inverse.is_none() {
+        let (x, work, cayley) = (&mut l.dx, &mut l.work, &l.left_cayley);
+        match l.kind {
+            Kind::Continuous => lyapunov_of_identity(cayley, size, x, work, Digits::Few),
+            Kind::Discrete => stein_of_identity(&cayley.powers, size, x, work, Digits::Few),
+        }
+        here = T::select(zero, T::zero(), norm(&l.dx) / scale);
+        return (here, T::select(zero, T::zero(), share_there(l)));
+    }
+    let entry = size * T::splat(1.0 / ((n * m) as f64).sqrt());
+    for probe in 0..PROBES {
         for i in 0..n {
             for j in 0..m {
-                l.dx[i * m + j] = if !exact {
-                    entry * T::splat(sign(probe, i) * sign(probe, j))
-                } else if i == j {
-                    entry
-                } else {
-                    T::zero()
-                };
+                l.dx[i * m + j] = entry * T::splat(sign(probe, i) * sign(probe, j));
             }
         }
         l.invert(inverse, Digits::Few);

@@ -1,10 +1,10 @@
 //! Newton's correction of a Riccati solution, which also verifies it.
 
-use super::bound::{Amplification, in_units, rate_of_sums, rate_of_two};
+use super::bound::{Amplification, in_units, is_enough, looks_first, rate_of_sums, rate_of_two};
 use super::data::{Data, Kind};
 use super::ops::{add_where, largest, norm, outlined, transpose};
 use super::powers::{Cayley, Digits, gamma_of};
-use super::residual::{gain, residual, sharpen};
+use super::residual::{gain, plain_residual, residual, sharpen};
 use super::smith::{lyapunov_dual_to, stein_dual_to};
 use crate::real::{Mask, Real};
 use crate::small::{Dyn, cholesky, mul, mul_tn, solve_lower, sym_mul_nt, symmetrize};
@@ -107,6 +107,9 @@ impl<T: Real> Newton<T> {
         self.steps = T::zero();
         self.done = T::Mask::splat(false);
         let mut active = wanted;
+        if looks_first::<T>(d.n) && active.any() {
+            active = active & !self.look(kind, d, x, active);
+        }
         for _ in 0..MAX_CORRECTIONS {
             if !active.any() {
                 return;
@@ -116,7 +119,9 @@ impl<T: Real> Newton<T> {
             sharpen(self, kind, d, x);
             let residual = norm(&self.dx) / size;
             enter(self, d.n, x);
-            let stable = self.solve(kind, d.n);
+            enter_residual(self, d.n);
+            let stable = self.powers(kind, d.n);
+            self.sum(kind, Digits::Half);
             leave(self, d.n);
             let change = norm(&self.dx);
             let correction = change / norm(x);
@@ -128,10 +133,7 @@ impl<T: Real> Newton<T> {
             self.correction = T::select(active, correction, self.correction);
             add_where(sound, x, &self.dx);
             let mut last = sound & correction.le(T::splat(LAST));
-            let margin = match kind {
-                Kind::Continuous => self.cayley.margin(),
-                Kind::Discrete => self.cayley.powers.margin(),
-            };
+            let margin = self.margin_of_loop(kind);
             let squarings = self.cayley.powers.squarings();
             self.steps = T::select(active, self.steps + squarings, self.steps);
             if last.any() {
@@ -143,10 +145,64 @@ impl<T: Real> Newton<T> {
         }
     }
 
-    /// Turns the residual in `dx` into the correction; true where the closed loop
-    /// was shown to be stable.
+    /// A first look at `x`: its residual in plain arithmetic, a proof of stability,
+    /// and the condition. Where they bound the error by a few roundings nothing is
+    /// corrected; where by more, `x` is corrected with the powers at hand. Returns
+    /// the lanes of `wanted` that are done with.
     #[inline(always)]
-    fn solve(&mut self, kind: Kind, n: usize) -> T::Mask {
+    fn look(&mut self, kind: Kind, d: &Data<T>, x: &mut [T], wanted: T::Mask) -> T::Mask {
+        let n = d.n;
+        let regular = gain(self, kind, d, x);
+        let look = plain_residual(self, kind, d, x);
+        enter(self, n, x);
+        let sound = wanted & regular & self.powers(kind, n);
+        let scale = norm(x);
+        let (here, there) = condition(self, kind, d, x, look.size);
+        let bound = look.bound(here.max(there));
+        // A zero that is no solution has no relative error.
+        let sound = sound & (scale.gt(T::zero()) | look.residual.eq(T::zero()));
+        let enough = sound & is_enough(bound);
+        self.residual = T::select(enough, look.residual, self.residual);
+        self.correction = T::select(enough, T::zero(), self.correction);
+        let mut error_bound = bound;
+        let mut taken = enough;
+        let close = sound & !enough & bound.le(T::splat(LAST));
+        if close.any() {
+            let regular = gain(self, kind, d, x);
+            let size = residual(self, kind, d, x);
+            sharpen(self, kind, d, x);
+            let residual = norm(&self.dx) / size;
+            enter_residual(self, n);
+            self.sum(kind, Digits::Half);
+            leave(self, n);
+            let correction = norm(&self.dx) / scale;
+            // As small as was said; if not, the iteration starts from here.
+            let agreed = close & regular & correction.le(bound);
+            add_where(agreed, x, &self.dx);
+            let shown = T::select(scale.eq(T::zero()), T::zero(), in_units(&d.scale, &self.dx, x));
+            let rate = rate_of_sums(n, here, correction);
+            let condition = here.max(there);
+            let once = Amplification { last: correction.max(shown), rate, condition };
+            let clear = agreed & once.is_clear();
+            self.residual = T::select(clear, residual, self.residual);
+            self.correction = T::select(clear, correction, self.correction);
+            error_bound = T::select(enough, error_bound, once.bound(n));
+            taken = taken | clear;
+        }
+        let squarings = self.cayley.powers.squarings();
+        self.steps = T::select(wanted, squarings, self.steps);
+        self.margin = T::select(taken, self.margin_of_loop(kind), self.margin);
+        if self.bounds {
+            self.condition = T::select(taken, here, self.condition);
+            self.error_bound = T::select(taken, error_bound, self.error_bound);
+        }
+        self.done = self.done | taken;
+        taken
+    }
+
+    /// Powers of the closed loop; the lanes in which they show it to be stable.
+    #[inline(always)]
+    fn powers(&mut self, kind: Kind, n: usize) -> T::Mask {
         let closed = &self.loop_[0];
         match kind {
             Kind::Continuous => {
@@ -156,8 +212,16 @@ impl<T: Real> Newton<T> {
             }
             Kind::Discrete => self.cayley.powers.set(closed),
         }
-        self.sum(kind, Digits::Half);
         self.cayley.powers.stable
+    }
+
+    /// The margin that the powers show.
+    #[inline(always)]
+    fn margin_of_loop(&self, kind: Kind) -> T {
+        match kind {
+            Kind::Continuous => self.cayley.margin(),
+            Kind::Discrete => self.cayley.powers.margin(),
+        }
     }
 
     /// The solution for the right-hand side in `dx`, in its place, with the
@@ -173,11 +237,11 @@ impl<T: Real> Newton<T> {
 }
 
 outlined! {
-    /// Brings the closed loop and the residual to coordinates in which `X` is the
-    /// identity, or leaves them alone in lanes where `X` is not positive.
+    /// Brings the closed loop to coordinates in which `X` is the identity, or leaves
+    /// it alone in lanes where `X` is not positive.
     ///
     /// ```text
-    /// X + tiny = L L',   A_K -> L' A_K L^-T,   Res -> L^-1 Res L^-T
+    /// X + tiny = L L',   A_K -> L' A_K L^-T
     /// ```
     /// `x'Xx` falls along the closed loop (if `Q >= 0`): in these coordinates its
     /// powers never grow, however far from normal it is, and a correction is
@@ -205,7 +269,6 @@ outlined! {
         solve_lower(Dyn(n), Dyn(n), l, &mut w.p[0]);
         transpose(n, n, &w.p[0], half);
         mul_tn(Dyn(n), Dyn(n), Dyn(n), l, half, &mut w.loop_[0]);
-        enter_residual(w, n);
     }
 }
 
@@ -233,13 +296,10 @@ outlined! {
 }
 
 outlined! {
-    /// Bounds the error left in `x` where `last`; where more is left than
-    /// rounding, corrects once more on a residual made afresh and measures how
-    /// much that changed. Returns the lanes in which that correction was no larger
-    /// than the one before.
+    /// What a residual as large as `size` could do to `x`, relative to it, in
+    /// balanced units and in those of the user.
     ///
-    /// The condition comes from the largest residual that rounding could leave,
-    /// in the sense of order:
+    /// It is that of the largest such residual in the sense of order:
     ///
     /// ```text
     /// -s I <= Res <= s I   =>   -Y <= dX <= Y,   Y the solution for s I
@@ -247,6 +307,27 @@ outlined! {
     /// `s` the sum of the norms of the terms of the residual. The operator is
     /// positive, so `|Y|` is attained (Hewer, Kenney 1988, SIAM J. Control Optim.
     /// 26, 321-344): the quantity that sep estimates.
+    fn condition(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a [T], size: T) -> (T, T) {
+        let n = d.n;
+        let scale = norm(x);
+        let zero = scale.eq(T::zero());
+        w.dx.fill(T::zero());
+        for i in 0..n {
+            w.dx[i * n + i] = size;
+        }
+        enter_residual(w, n);
+        w.sum(kind, Digits::Few);
+        leave(w, n);
+        let here = T::select(zero, T::zero(), norm(&w.dx) / scale);
+        (here, T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x)))
+    }
+}
+
+outlined! {
+    /// Bounds the error left in `x` where `last`; where more is left than
+    /// rounding, corrects once more on a residual made afresh and measures how
+    /// much that changed. Returns the lanes in which that correction was no larger
+    /// than the one before.
     fn measure(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a mut [T], last: T::Mask, correction: T, size: T) -> T::Mask {
         let n = d.n;
         let scale = norm(x);
@@ -255,18 +336,11 @@ outlined! {
         let mut condition = T::zero();
         if w.bounds {
             let there = T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x));
-            w.dx.fill(T::zero());
-            for i in 0..n {
-                w.dx[i * n + i] = size;
-            }
-            enter_residual(w, n);
-            w.sum(kind, Digits::Few);
-            leave(w, n);
-            let here = T::select(zero, T::zero(), norm(&w.dx) / scale);
+            let (here, here_in_units) = self::condition(w, kind, d, x, size);
             w.condition = T::select(last, here, w.condition);
             // What is left of a correction by Newton's method is of its square.
             let rate = rate_of_sums(n, here, correction);
-            condition = here.max(T::select(zero, T::zero(), in_units(&d.scale, &w.dx, x)));
+            condition = here.max(here_in_units);
             let once = Amplification { last: correction.max(there), rate, condition };
             clear = clear & once.is_clear();
             w.error_bound = T::select(clear, once.bound(n), w.error_bound);

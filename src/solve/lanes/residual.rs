@@ -1,13 +1,24 @@
 //! The residual of a Riccati solution in twice the working precision.
 
+use super::bound::FirstLook;
 use super::data::{Data, Kind};
 use super::double::{Form, Pair, PairMut, mul_add_two, symmetric_sum, two_sum};
 use super::newton::Newton;
 use super::ops::{norm, outlined, transpose};
 use crate::real::Real;
 use crate::small::{
-    Dyn, lu_factor, lu_solve, mul_add, mul_add_tn, mul_sub, mul_tn, sym_mul_sub_tn,
+    Dyn, lu_factor, lu_solve, mul, mul_add, mul_add_tn, mul_sub, mul_tn, scale, sym_mul_sub_tn,
 };
+
+/// `S'`, m by n.
+#[inline(always)]
+fn cross<T: Real>(d: &Data<T>, out: &mut [T]) {
+    if d.has_cross {
+        transpose(d.n, d.m, &d.s, out);
+    } else {
+        out.fill(T::zero());
+    }
+}
 
 outlined! {
     /// The gain for `x`.
@@ -15,7 +26,7 @@ outlined! {
         let (n, m) = (Dyn(d.n), Dyn(d.m));
         let product = &mut s.work[..d.m * d.n];
         s.r.copy_from_slice(&d.r);
-        transpose(d.n, d.m, &d.s, &mut s.k);
+        cross(d, &mut s.k);
         match kind {
             Kind::Continuous => mul_add_tn(m, n, n, &d.b, x, &mut s.k),
             Kind::Discrete => {
@@ -28,6 +39,57 @@ outlined! {
         let regular = lu_factor(m, &mut s.r, perm).ok;
         lu_solve(m, n, &s.r, perm, &mut s.k);
         regular
+    }
+}
+
+outlined! {
+    /// The residual of `x` and the closed loop, in plain arithmetic; otherwise as
+    /// [`residual`].
+    pub(super) fn plain_residual(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a [T]) -> FirstLook<T> {
+        let (order, inputs) = (d.n, d.m);
+        let (n, m) = (Dyn(order), Dyn(inputs));
+        let (two, half) = (T::splat(2.0), T::splat(0.5));
+        let (closed, p, sum, v) = (&mut w.loop_[0], &mut w.p[0], &mut w.m[0], &mut w.v[0]);
+        closed.copy_from_slice(&d.a);
+        mul_sub(n, m, n, &d.b, &w.k, closed);
+        // V = R K - 2 S'
+        cross(d, v);
+        if d.has_cross {
+            scale(v, T::splat(-2.0));
+        }
+        mul_add(m, m, n, &d.r, &w.k, v);
+        mul(n, n, n, x, closed, p);
+        mul_tn(n, m, n, &w.k, v, sum);
+        let (of_x, of_loop) = (norm(x), norm(closed));
+        let others = norm(&d.q) + norm(sum);
+        let others_apart = norm(&w.k).mul_add(norm(v), norm(&d.q));
+        let (size, terms) = match kind {
+            Kind::Continuous => {
+                let sizes = two.mul_add(norm(p), others);
+                for (s, &p) in sum.iter_mut().zip(p.iter()) {
+                    *s = two.mul_add(p, *s);
+                }
+                (sizes, two.mul_add(of_x * of_loop, others_apart))
+            }
+            Kind::Discrete => {
+                mul_add_tn(n, n, n, closed, p, sum);
+                for (s, &x) in sum.iter_mut().zip(x) {
+                    *s = *s - x;
+                }
+                let terms = (of_loop * of_loop).mul_add(of_x, of_x + others_apart);
+                (two.mul_add(of_x, others), terms)
+            }
+        };
+        for i in 0..order {
+            for j in 0..=i {
+                let (u, v) = (i * order + j, j * order + i);
+                let r = half.mul_add(sum[u] + sum[v], d.q[u]);
+                w.dx[u] = r;
+                w.dx[v] = r;
+            }
+        }
+        let size = T::select(size.gt(T::zero()), size, T::one());
+        FirstLook { residual: norm(&w.dx) / size, size, terms: terms / size }
     }
 }
 
@@ -51,10 +113,9 @@ outlined! {
         mul_add_two(Form::Plain, -1.0, Pair::from(&d.b[..]), k, target, [n, m, n]);
         // V = R K - 2 S'
         let [v_hi, v_lo] = &mut w.v;
-        for j in 0..m {
-            for i in 0..n {
-                v_hi[j * n + i] = T::splat(-2.0) * d.s[i * m + j];
-            }
+        cross(d, v_hi);
+        if d.has_cross {
+            scale(v_hi, T::splat(-2.0));
         }
         v_lo.fill(T::zero());
         let target = PairMut { hi: v_hi, lo: v_lo };
@@ -115,7 +176,7 @@ outlined! {
     pub(super) fn sharpen(w: &'a mut Newton<T>, kind: Kind, d: &'a Data<T>, x: &'a [T]) {
         let (n, m) = (d.n, d.m);
         let [e_hi, e_lo] = &mut w.v;
-        transpose(n, m, &d.s, e_hi);
+        cross(d, e_hi);
         e_lo.fill(T::zero());
         let target = PairMut { hi: &mut *e_hi, lo: &mut *e_lo };
         let k = Pair::from(&w.k[..]);

@@ -8,18 +8,24 @@ use crate::small::{
     sym_mul_tn,
 };
 
+/// `F X F' - X + Q = 0`, in place: `x` holds `Q` (symmetric), then `X`.
+///
+/// ```text
+/// X <- X + F_k X F_k',   F_k = F^(2^k)      (Smith 1968, squared)
+/// ```
+/// Of use in lanes where `p.stable`; `work` holds at least `2 n^2` numbers, the
+/// sum is made to `digits`.
+#[inline(always)]
+pub(crate) fn stein_to<T: Real>(p: &Powers<T>, x: &mut [T], work: &mut [T], digits: Digits) {
+    stein_from(p, 0, x, work, digits);
+}
+
 outlined! {
-    /// `F X F' - X + Q = 0`, in place: `x` holds `Q` (symmetric), then `X`.
-    ///
-    /// ```text
-    /// X <- X + F_k X F_k',   F_k = F^(2^k)      (Smith 1968, squared)
-    /// ```
-    /// Of use in lanes where `p.stable`; `work` holds at least `2 n^2` numbers, the
-    /// sum is made to `digits`.
-    pub(crate) fn stein_to(p: &'a Powers<T>, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
+    /// [`stein_to`] from the term `first` on.
+    fn stein_from(p: &'a Powers<T>, first: usize, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
         let n = Dyn(p.n);
         let (product, next) = work[..2 * p.n * p.n].split_at_mut(p.n * p.n);
-        for k in 0..p.count() {
+        for k in first..p.count() {
             let seen = p.seen_twice(k, digits);
             if !seen.any() {
                 break;
@@ -34,6 +40,38 @@ outlined! {
             sym_mul_add_nt(n, n, product, f, next);
             keep(seen, next, x);
         }
+    }
+}
+
+outlined! {
+    /// [`stein_to`] for `Q = s I`, whose first term takes one product less.
+    pub(crate) fn stein_of_identity(p: &'a Powers<T>, s: T, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
+        let n = Dyn(p.n);
+        x.fill(T::zero());
+        for i in 0..p.n {
+            x[i * p.n + i] = s;
+        }
+        if p.count() == 0 {
+            return;
+        }
+        // s (I + F F')
+        let (seen, f) = (p.seen_twice(0, digits), p.power(0));
+        let square = &mut work[..p.n * p.n];
+        sym_mul_nt(n, n, f, f, square);
+        for (x, &y) in x.iter_mut().zip(square.iter()) {
+            *x = T::select(seen, s.mul_add(y, *x), *x);
+        }
+        stein_from(p, 1, x, work, digits);
+    }
+}
+
+outlined! {
+    /// [`lyapunov_to`] for `Q = s I`.
+    pub(crate) fn lyapunov_of_identity(a: &'a Cayley<T>, s: T, x: &'a mut [T], work: &'a mut [T], digits: Digits) {
+        let n = Dyn(a.powers.n);
+        sym_mul_nt(n, n, &a.inverse, &a.inverse, x);
+        scale(x, s * (a.gamma + a.gamma));
+        stein_from(&a.powers, 0, x, work, digits);
     }
 }
 

@@ -141,6 +141,10 @@ fn mistakes_and_results() {
         ("model", "model = 3", "model = 5", "not the number of a model"),
         ("name", "model = 3", "parameters = { rh = 1 }", "no parameter is called 'rh'"),
         ("times", "model = 3", "model = [[1, 3]]", "the times do not rise from 0"),
+        ("ramp", "model = 3", "parameters = { rho = { ramp = [[0, 1], [0, 2]] } }", "do not rise"),
+        ("slope", "model = 3", "parameters = { rho = { slope = 2 } }", "unknown key"),
+        ("glide", "model = 3", "model = { ramp = [[0, 1], [10, 3]] }", "[time, number]"),
+        ("kick", "[truth]", "[actuator]\ndelay = 0.5\n[truth]", "actuator.delay"),
         ("x0", "model = 3", "model = 3\nx0 = [1]", "1 numbers for 4 states"),
         ("run", "[run]", "[runs]", "unknown key"),
     ] {

@@ -69,6 +69,8 @@ pub(super) const WEIGHTING: &[&str] = &[
 ];
 /// `[truth]`.
 pub(super) const TRUTH: &[&str] = &["parameters", "model", "x0", "P0"];
+/// A parameter of `[truth]` that varies.
+pub(super) const COURSE: &[&str] = &["ramp"];
 /// `[signals]`.
 pub(super) const SIGNALS: &[&str] = &["inputs", "disturbances", "noise"];
 /// A term of a signal.

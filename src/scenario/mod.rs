@@ -16,6 +16,7 @@
 
 mod assemble;
 mod bank;
+mod course;
 mod diagnostic;
 mod estimator;
 mod explicit;
@@ -231,6 +232,7 @@ mod tests {
             keys::MODEL_KOOPMAN,
             keys::WEIGHTING,
             keys::TRUTH,
+            keys::COURSE,
             keys::SIGNALS,
             keys::WAVE,
             keys::RUN,

@@ -1,10 +1,14 @@
 //! The Monte-Carlo experiment that a scenario describes.
 
+use super::course::{Clock, Course};
 use super::run::Length;
 use super::truth::Written;
 use super::{Error, Estimator, Scenario};
 use crate::model::{Family, Plant, Time};
 use crate::sim::{Measurement, MonteCarlo, Truth};
+
+/// Most bytes of plants that follow each other.
+const LIMIT: u128 = 1 << 30;
 
 /// A bank, the plant that is really there, and how often it is run.
 #[derive(Debug, Clone)]
@@ -25,9 +29,19 @@ pub struct Simulation {
     pub seed: u64,
     /// Steps between two reports, 0 for the end only.
     pub every: u64,
+    /// Values of the parameters in which the models differ, one list a phase of
+    /// the truth.
+    pub schedule: Vec<Vec<f64>>,
 }
 
 impl Simulation {
+    /// True values of the parameters in which the models differ, at a step
+    /// counted from 1; empty for models that are given by matrices.
+    pub fn theta(&self, step: u64) -> &[f64] {
+        let later = self.truth.phases.partition_point(|p| p.0 <= step);
+        self.schedule.get(later.max(1) - 1).map_or(&[], Vec::as_slice)
+    }
+
     /// The experiment; the courses of the trials in `keep` are kept.
     pub fn experiment(&self, keep: Vec<u64>) -> MonteCarlo {
         MonteCarlo {
@@ -107,12 +121,20 @@ impl Scenario {
         for (name, value) in changes {
             self.change(&mut written, name, *value)?;
         }
-        let phases = self.phases(&written, dt)?;
+        let clock = Clock { dt, steps };
+        let phases = self.phases(&written, clock)?;
+        let schedule = match &self.explicit {
+            Some(_) => Vec::new(),
+            None => {
+                let of = |step: u64| self.theta_of(&written, clock, step, &estimator.parameters);
+                phases.iter().map(|p| of(p.0)).collect()
+            }
+        };
         let n = phases.first().map_or(0, |(_, plant)| plant.nx());
         // what the observers believe, where it says anything of this plant
         let believed = match (&written.model, &estimator.members.initial[..]) {
             (_, [one]) => Some(&one.x_hat),
-            (Some(course), each) => each.get(course[0].1).map(|i| &i.x_hat),
+            (Some(course), each) => each.get(model_at(course, clock, 1)).map(|i| &i.x_hat),
             (None, _) => None,
         };
         let mut x0 = written.x0.clone().or_else(|| believed.cloned()).unwrap_or_default();
@@ -134,6 +156,7 @@ impl Scenario {
             measurement: run.measurement,
             seed: run.seed,
             every: run.every,
+            schedule,
         })
     }
 
@@ -146,7 +169,7 @@ impl Scenario {
                 let remedy = format!("count the models from 1 to {models}");
                 return Err(self.fault("truth.model", &message, &remedy));
             }
-            written.model = Some(vec![(0.0, value as usize - 1)]);
+            written.model = Some(Course::constant(value));
             return Ok(());
         }
         self.family.theta_with(&[(name, value)]).map_err(|e| {
@@ -154,46 +177,69 @@ impl Scenario {
             self.fault(&format!("truth.parameters.{name}"), &message, &remedy)
         })?;
         written.parameters.retain(|(n, _)| n != name);
-        written.parameters.push((name.into(), vec![(0.0, value)]));
+        written.parameters.push((name.into(), Course::constant(value)));
         Ok(())
     }
 
     /// The plants of the truth and the first step of each.
-    fn phases(&self, written: &Written, dt: f64) -> Result<Vec<(u64, Plant)>, Error> {
-        let mut times: Vec<f64> = vec![0.0];
-        times.extend(written.parameters.iter().flat_map(|(_, c)| c.iter().map(|p| p.0)));
-        times.extend(written.model.iter().flatten().map(|p| p.0));
-        times.sort_by(f64::total_cmp);
-        times.dedup();
-        let mut phases: Vec<(u64, Plant)> = Vec::new();
-        for t in times {
-            // the first step that begins at the time or later
-            let from = (t / dt - 1e-9).ceil().max(0.0) as u64 + 1;
-            let plant = self.plant_at(written, t)?;
-            match phases.last_mut() {
-                // two changes within a step: the later one stands
-                Some(last) if last.0 == from => last.1 = plant,
-                _ => phases.push((from, plant)),
-            }
+    fn phases(&self, written: &Written, clock: Clock) -> Result<Vec<(u64, Plant)>, Error> {
+        let courses = written.parameters.iter().map(|(_, course)| course).chain(&written.model);
+        let runs: Vec<[u64; 2]> = courses.flat_map(|course| course.changes(clock)).collect();
+        let count = runs.iter().fold(1, |sum: u64, [a, b]| sum.saturating_add(b - a + 1));
+        let nominal = self.plant_at(written, clock, 1)?;
+        let bytes = u128::from(count) * size(&nominal);
+        if bytes > LIMIT {
+            return Err(self.explain(crate::Error::Limit {
+                what: format!("a truth of {count} phases"),
+                bytes,
+                limit: LIMIT,
+                remedy: "simulate fewer steps, or let the parameters vary in steps",
+            }));
         }
-        Ok(phases)
+        let mut from: Vec<u64> = vec![1];
+        from.extend(runs.into_iter().flat_map(|[a, b]| a..=b));
+        from.sort_unstable();
+        from.dedup();
+        from.into_iter().map(|k| Ok((k, self.plant_at(written, clock, k)?))).collect()
     }
 
-    fn plant_at(&self, written: &Written, t: f64) -> Result<Plant, Error> {
-        let model = written.model.as_ref().map(|course| at(course, t));
+    /// Values that a step gives to parameters, later ones stand.
+    fn values<'a>(
+        &'a self,
+        written: &'a Written,
+        clock: Clock,
+        step: u64,
+    ) -> impl Iterator<Item = (&'a str, f64)> {
+        let model = written.model.as_ref().map(|course| model_at(course, clock, step));
+        let of_model = model.zip(self.bank.as_ref()).into_iter().flat_map(|(model, bank)| {
+            bank.parameters.iter().map(String::as_str).zip(bank.models[model].iter().copied())
+        });
+        let own = written.parameters.iter();
+        of_model.chain(own.map(move |(name, c)| (name.as_str(), c.at(clock, step))))
+    }
+
+    /// The true values of the parameters `names` at a step.
+    fn theta_of(&self, written: &Written, clock: Clock, step: u64, names: &[String]) -> Vec<f64> {
+        let nominal = |name: &String| {
+            let known = self.family.parameters().iter().find(|p| p.name == *name);
+            known.map_or(f64::NAN, |p| p.nominal)
+        };
+        let given = |name: &String| {
+            let found = self.values(written, clock, step).filter(|(n, _)| n == name).last();
+            found.map(|(_, value)| value)
+        };
+        names.iter().map(|name| given(name).unwrap_or_else(|| nominal(name))).collect()
+    }
+
+    fn plant_at(&self, written: &Written, clock: Clock, step: u64) -> Result<Plant, Error> {
         if let Some(explicit) = &self.explicit {
-            let Some(model) = model else {
+            let Some(course) = &written.model else {
                 let remedy = "add model = 1, say, the model that is right";
                 return Err(self.missing("truth.model", remedy));
             };
-            return Ok(explicit.plants[model].clone());
+            return Ok(explicit.plants[model_at(course, clock, step)].clone());
         }
-        let mut values: Vec<(&str, f64)> = Vec::new();
-        if let (Some(model), Some(bank)) = (model, &self.bank) {
-            let named = bank.parameters.iter().zip(&bank.models[model]);
-            values.extend(named.map(|(name, value)| (name.as_str(), *value)));
-        }
-        values.extend(written.parameters.iter().map(|(name, c)| (name.as_str(), at(c, t))));
+        let values: Vec<(&str, f64)> = self.values(written, clock, step).collect();
         let plant = self
             .family
             .theta_with(&values)
@@ -207,8 +253,14 @@ impl Scenario {
     }
 }
 
-/// The value that holds at `t`.
-fn at<T: Copy>(course: &[(f64, T)], t: f64) -> T {
-    let later = course.iter().position(|p| p.0 > t).unwrap_or(course.len());
-    course[later.max(1) - 1].1
+/// Number of the model of a step, from 0.
+fn model_at(course: &Course, clock: Clock, step: u64) -> usize {
+    // whole numbers from 1, checked where they were read
+    course.at(clock, step) as usize - 1
+}
+
+/// Bytes of a plant, columns padded to whole cache lines.
+fn size(plant: &Plant) -> u128 {
+    let all = [&plant.A, &plant.B, &plant.G, &plant.C, &plant.Q, &plant.R];
+    all.map(|m| (m.ncols() * m.nrows().next_multiple_of(8) * 8 + 96) as u128).iter().sum()
 }

@@ -3,6 +3,7 @@
 use faer::Mat;
 use toml::de::DeValue;
 
+use super::course::Course;
 use super::family::ExpressionFamily;
 use super::matrix::{CONSTANT, Size};
 use super::reader::{Reader, Value, all};
@@ -10,16 +11,13 @@ use super::table::Table;
 use super::{bank, keys};
 use crate::model::check_covariance;
 
-/// A value from the start on, and others from later times on.
-type Course<T> = Vec<(f64, T)>;
-
 /// `[truth]`, read.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Written {
     /// Parameters that differ from the nominal ones.
-    pub(super) parameters: Vec<(String, Course<f64>)>,
-    /// A model of the bank, from 0.
-    pub(super) model: Option<Course<usize>>,
+    pub(super) parameters: Vec<(String, Course)>,
+    /// A model of the bank, from 1.
+    pub(super) model: Option<Course>,
     pub(super) x0: Option<Vec<f64>>,
     pub(super) p0: Option<Mat<f64>>,
 }
@@ -74,7 +72,7 @@ fn parameters<'a>(
     reader: &Reader<'a>,
     value: &Value<'a>,
     family: &ExpressionFamily,
-) -> Option<Vec<(String, Course<f64>)>> {
+) -> Option<Vec<(String, Course)>> {
     let DeValue::Table(map) = value.get_ref() else {
         return reader.wrong_type("truth.parameters", value, "a table such as { L = 1.0 }");
     };
@@ -82,41 +80,26 @@ fn parameters<'a>(
     all(table.in_order().into_iter().map(|(name, span, value)| {
         let key = table.key(name);
         let known = bank::parameter(reader, family, name, &key, span.start);
-        let course = course(reader, &key, value)?;
+        let course = Course::read(reader, &key, value)?;
         known?;
         Some((name.to_string(), course))
     }))
 }
 
-fn model<'a>(reader: &Reader<'a>, value: &Value<'a>, models: usize) -> Option<Course<usize>> {
+fn model<'a>(reader: &Reader<'a>, value: &Value<'a>, models: usize) -> Option<Course> {
     let key = "truth.model";
-    let course = course(reader, key, value)?;
-    all(course.into_iter().map(|(t, number)| {
-        if number >= 1.0 && number <= models as f64 && number.fract() == 0.0 {
-            return Some((t, number as usize - 1));
-        }
-        let message = format!("{number} is not the number of a model");
-        let remedy = format!("count the models from 1 to {models}");
-        reader.error(value.span().start, key, message, remedy)
-    }))
-}
-
-/// A number, or a list of `[time, value]` of which each holds until the next.
-fn course<'a>(reader: &Reader<'a>, key: &str, value: &Value<'a>) -> Option<Course<f64>> {
-    let DeValue::Array(list) = value.get_ref() else {
-        return Some(vec![(0.0, reader.number(key, value)?)]);
-    };
-    let remedy = "write [[0, first], [time, next], ..], times in seconds, rising from 0";
-    let course = all(list.iter().enumerate().map(|(i, pair)| {
-        let key = format!("{key}[{i}]");
-        match reader.numbers(&key, pair)?[..] {
-            [t, v] => Some((t, v)),
-            _ => reader.error(pair.span().start, &key, "not a time and a value", remedy),
-        }
-    }))?;
-    let rising = course.windows(2).all(|w| w[0].0 < w[1].0);
-    if course.first().is_some_and(|c| c.0 == 0.0) && rising {
-        return Some(course);
+    if let DeValue::Table(_) = value.get_ref() {
+        return reader.wrong_type(key, value, "a number, or a list of [time, number]");
     }
-    reader.error(value.span().start, key, "the times do not rise from 0", remedy)
+    let course = Course::read(reader, key, value)?;
+    let numbers = |v: &f64| *v >= 1.0 && *v <= models as f64 && v.fract() == 0.0;
+    let wrong = course.values().find(|v| !numbers(v));
+    match wrong {
+        None => Some(course),
+        Some(number) => {
+            let message = format!("{number} is not the number of a model");
+            let remedy = format!("count the models from 1 to {models}");
+            reader.error(value.span().start, key, message, remedy)
+        }
+    }
 }

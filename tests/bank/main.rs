@@ -8,5 +8,6 @@ mod discrete;
 mod filters;
 mod laws;
 mod oscillator;
+mod pipeline;
 mod properties;
 mod statics;

@@ -8,6 +8,7 @@ mod joint;
 #[path = "../common/json.rs"]
 mod json;
 mod laws;
+mod pendulum;
 mod random;
 mod setup;
 mod statistics;

@@ -54,7 +54,7 @@ fn timeline(title: Option<&str>, simulation: &Simulation, summary: &Summary) -> 
         name: estimator.parameters[k].clone(),
         mean: record.iter().map(|m| estimator.theta_hat(&m.p)[k]).collect(),
         models: estimator.values.iter().map(|v| v[k]).collect(),
-        truth: None,
+        truth: Some(record.iter().map(|m| simulation.theta(m.step)[k]).collect()),
     };
     Timeline {
         title: title.unwrap_or("Weights of the models").into(),

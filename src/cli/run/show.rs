@@ -62,6 +62,9 @@ impl<'a> Statistics<'a> {
 struct Row<'a> {
     k: u64,
     t: f64,
+    /// True values of the parameters.
+    #[serde(skip_serializing_if = "<[f64]>::is_empty")]
+    theta: &'a [f64],
     #[serde(flatten)]
     statistics: Statistics<'a>,
 }
@@ -138,6 +141,7 @@ pub(super) fn json(
     let rows = summary.record.iter().map(|m| Row {
         k: m.step,
         t: m.step as f64 * simulation.dt,
+        theta: simulation.theta(m.step),
         statistics: Statistics::new(m, estimator),
     });
     let document = Document {

@@ -180,3 +180,132 @@ fn blank_lines_of_a_single_column_are_samples() {
     assert_eq!(single, double);
     assert_eq!(single["samples"], 4);
 }
+
+/// Writes columns of doubles, null for NaN, as a Parquet table.
+fn table(path: &str, columns: &[(&str, Vec<f64>)], compression: parquet::basic::Compression) {
+    use parquet::data_type::DoubleType;
+    use parquet::file::properties::WriterProperties;
+    use parquet::file::writer::SerializedFileWriter;
+    use parquet::schema::parser::parse_message_type;
+    let fields: Vec<String> =
+        columns.iter().map(|(name, _)| format!("OPTIONAL DOUBLE {name};")).collect();
+    let schema = parse_message_type(&format!("message t {{ {} }}", fields.join(" "))).unwrap();
+    let properties = WriterProperties::builder().set_compression(compression).build();
+    let out = fs::File::create(path).unwrap();
+    let mut writer = SerializedFileWriter::new(out, schema.into(), properties.into()).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    for (_, values) in columns {
+        let mut column = group.next_column().unwrap().unwrap();
+        let present: Vec<f64> = values.iter().copied().filter(|v| !v.is_nan()).collect();
+        let levels: Vec<i16> = values.iter().map(|v| i16::from(!v.is_nan())).collect();
+        column.typed::<DoubleType>().write_batch(&present, Some(&levels), None).unwrap();
+        column.close().unwrap();
+    }
+    group.close().unwrap();
+    writer.close().unwrap();
+}
+
+#[test]
+fn a_parquet_table_is_read_as_a_csv_file() {
+    use parquet::basic::Compression;
+    let scenario = example("nile.toml");
+    let text_of = fs::read_to_string(example("nile.csv")).unwrap();
+    let mut lines = text_of.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let mut columns: Vec<(&str, Vec<f64>)> = header.iter().map(|h| (*h, Vec::new())).collect();
+    for line in lines {
+        for (column, field) in columns.iter_mut().zip(line.split(',')) {
+            column.1.push(field.trim().parse().unwrap_or(f64::NAN));
+        }
+    }
+    // a hole in both
+    let last = columns.len() - 1;
+    columns[last].1[20] = f64::NAN;
+    let row = |k: usize| {
+        let fields = columns.iter().map(|(_, v)| v[k]);
+        let shown = fields.map(|v| if v.is_nan() { String::new() } else { v.to_string() });
+        shown.collect::<Vec<_>>().join(",")
+    };
+    let body: Vec<String> = (0..columns[0].1.len()).map(row).collect();
+    let csv = file("hole.csv", &format!("{}\n{}\n", header.join(","), body.join("\n")));
+    let want = estimate(&[&scenario, "--data", &csv, "--json"]);
+    assert!(want.status.success(), "{}", text(&want.stderr));
+    for (name, compression) in
+        [("plain.parquet", Compression::UNCOMPRESSED), ("snappy.parquet", Compression::SNAPPY)]
+    {
+        let path = file(name, "");
+        table(&path, &columns, compression);
+        let got = estimate(&[&scenario, "--data", &path, "--json"]);
+        assert!(got.status.success(), "{}", text(&got.stderr));
+        assert_eq!(got.stdout, want.stdout, "{name}");
+    }
+    let path = file("infinite.parquet", "");
+    columns[last].1[3] = f64::INFINITY;
+    table(&path, &columns, Compression::UNCOMPRESSED);
+    let got = estimate(&[&scenario, "--data", &path]);
+    assert_eq!(got.status.code(), Some(3));
+    assert!(text(&got.stderr).contains("infinite.parquet:4:"), "{}", text(&got.stderr));
+    let whole = fs::read(&path).unwrap();
+    let cut = file("cut.parquet", "");
+    fs::write(&cut, &whole[..whole.len() / 2]).unwrap();
+    let got = estimate(&[&scenario, "--data", &cut]);
+    assert_eq!(got.status.code(), Some(3), "{}", text(&got.stderr));
+    assert!(text(&got.stderr).contains("not a table that can be read"));
+}
+
+const WALK: &str = "format = 1\n[plant]\ntime = \"continuous\"\nstates = [\"x\"]\n\
+    disturbances = [\"w\"]\noutputs = [\"y\"]\nA = \"-a\"\nG = 1\nC = 1\nQ = 2\nR = 0.05\n\
+    [plant.parameters]\na = 0.1\n[bank]\nobserver = \"kalman\"\ndt = 0.5\nP0 = 1\n\
+    models = { a = [0.1, 0.7] }\n";
+
+/// A filter of samples of a continuous plant takes them when they come.
+#[test]
+fn samples_at_uneven_times() {
+    let scenario = file("walk.toml", WALK);
+    // s; a step of dt, two of them, and others
+    let t: [f64; 7] = [0.5, 1.0, 2.0, 2.3, 3.7, 3.8, 4.1];
+    let y = [0.3, 0.9, 1.4, 1.1, -0.2, 0.1, 0.4];
+    let rows: Vec<String> = t.iter().zip(y).map(|(t, y)| format!("{t},{y}")).collect();
+    let data = file("uneven.csv", &format!("t,y\n{}\n", rows.join("\n")));
+    let out = estimate(&[&scenario, "--data", &data, "--json"]);
+    assert!(out.status.success(), "{}", text(&out.stderr));
+    let got: Value = serde_json::from_slice(&out.stdout).unwrap();
+    for (i, a) in [0.1_f64, 0.7].into_iter().enumerate() {
+        let (mut x, mut p, mut log_lik, mut last) = (0.0, 1.0, 0.0, 0.0);
+        for (t, y) in t.iter().zip(y) {
+            let dt: f64 = t - last;
+            let f = (-a * dt).exp();
+            x *= f;
+            p = f * f * p + 2.0 * (1.0 - f * f) / (2.0 * a);
+            let s = p + 0.05 / 0.5;
+            let r = y - x;
+            log_lik -= 0.5 * (r * r / s + (2.0 * std::f64::consts::PI * s).ln());
+            x += p / s * r;
+            p -= p * p / s;
+            last = *t;
+        }
+        let got = got["loglik"][i].as_f64().unwrap();
+        assert!((got - log_lik).abs() < 1e-11, "model {i}: {got} for {log_lik}");
+    }
+    // steady gains are those of one interval, and so are continuous observers
+    let steady = file("steady.toml", &WALK.replace("P0 = 1\n", ""));
+    let out = estimate(&[&steady, "--data", &data]);
+    assert_eq!(out.status.code(), Some(3));
+    assert!(text(&out.stderr).contains("gains = \"recursive\""), "{}", text(&out.stderr));
+    let held = WALK.replace("observer = \"kalman\"\n", "").replace("P0 = 1\n", "");
+    let out = estimate(&[&file("held.toml", &held), "--data", &data]);
+    assert_eq!(out.status.code(), Some(3));
+    assert!(text(&out.stderr).contains("observer = \"kalman\""), "{}", text(&out.stderr));
+}
+
+#[test]
+fn every_law_can_be_named() {
+    let scenario = file("laws.toml", WALK);
+    let data = file("laws.csv", "y\n0.3\n0.9\n1.4\n");
+    for law in ["bayes", "zhang1", "zhang2", "dwsg"] {
+        let out = estimate(&[&scenario, "--data", &data, "--json", "--weighting", law]);
+        assert!(out.status.success(), "{law}: {}", text(&out.stderr));
+        let got: Value = serde_json::from_slice(&out.stdout).unwrap();
+        assert!((numbers(&got["p"]).iter().sum::<f64>() - 1.0).abs() < 1e-12, "{law}");
+    }
+}

@@ -84,24 +84,24 @@ pub struct Gains {
     pub(super) continuous: bool,
     /// Seconds between measurements.
     pub(super) dt: f64,
-    matrices: Matrices,
+    pub(super) matrices: Matrices,
     /// `P(k|k)`, or `P(k|k-1)` between prediction and update.
     p: Panel,
     /// Steady filters: `P(k|k-1)`, from which the gain for present outputs
     /// follows.
     prior: Panel,
-    coefficients: Coefficients,
+    pub(super) coefficients: Coefficients,
     /// The outputs that `coefficients` are for.
     pattern: Vec<bool>,
     /// Steady filters: the coefficients for all outputs.
     full: Option<Box<Coefficients>>,
     /// Steady innovation covariance of each discrete model, NaN where unknown.
-    steady: Option<Panel>,
+    pub(super) steady: Option<Panel>,
     /// Continuous observers: the models, the length of a part of a step, and
     /// whether the covariance has come to rest.
-    plants: Vec<Plant>,
+    pub(super) plants: Vec<Plant>,
     part: f64,
-    settled: bool,
+    pub(super) settled: bool,
     scratch: Vec<Block>,
     /// Scratch for two q by q matrices.
     square: Vec<f64>,

@@ -16,6 +16,7 @@
 //! missing or come back.
 
 mod advance;
+mod change;
 mod continuous;
 mod covariance;
 mod gains;

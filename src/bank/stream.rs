@@ -191,6 +191,15 @@ impl Bank {
         self.gains.covariance(i)
     }
 
+    pub(super) fn gains_mut(&mut self) -> &mut Gains {
+        &mut self.gains
+    }
+
+    /// True if outputs are wanted in the norm of one `R` for all models.
+    pub(super) fn needs_one_norm(&self) -> bool {
+        self.nodes.is_some()
+    }
+
     /// Covariances and coefficients.
     pub fn gains(&self) -> &Gains {
         &self.gains

@@ -94,9 +94,9 @@ pub(super) struct EstimateArguments {
     /// The scenario, with [bank] and perhaps [weighting]
     #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
-    /// The record: CSV with a header, columns named as the outputs and inputs of the
+    /// The record: CSV with a header or Parquet, columns named as the outputs and inputs of the
     /// scenario and perhaps t; blanks are missing
-    #[arg(long, value_name = "CSV")]
+    #[arg(long, value_name = "FILE")]
     pub(super) data: PathBuf,
     /// Also report every K-th step
     #[arg(long, value_name = "K", default_value_t = 0)]
@@ -176,6 +176,8 @@ pub(super) enum LawName {
     Dunn,
     /// Dunn's law as a differential equation (continuous observers)
     DunnOde,
+    /// The dynamic weighting signal generator; lambda is the scenario's, or 1/dt
+    Dwsg,
 }
 
 #[derive(Debug, Args)]

@@ -7,6 +7,7 @@ use super::mixing::Moments;
 use super::weighting::{Innovation, Mixing, Weighting};
 use crate::bank::{Bank, Members, Schedule, Settings, Step};
 use crate::error::{Error, Result};
+use crate::model::Plant;
 use crate::real::{Real, exp, ln};
 use crate::weight::{Evidence, Law, OdeNodes, Weights};
 
@@ -212,6 +213,50 @@ impl Mmae {
             }
         }
         e.n_eff = 1.0 / squares;
+    }
+
+    /// Goes on with other models from the next step on: matrices `A(t)`, `B(t)`,
+    /// `C(t)` that vary, or samples at uneven times. Estimates, covariances and
+    /// weights stay.
+    ///
+    /// ```
+    /// use mmae::bank::{GainMode, Initial, Members, Settings};
+    /// use mmae::engine::{Mmae, Weighting};
+    /// use mmae::model::{Plant, Time, sample};
+    /// use mmae::observer::ObserverKind;
+    /// use mmae::{Mat, mat};
+    /// // random walks of intensity 1 and 4, seen when it happens
+    /// let walk = |q: f64| Plant {
+    ///     time: Time::Continuous,
+    ///     A: mat![[0.0]], B: Mat::zeros(1, 0), G: mat![[1.0]], C: mat![[1.0]],
+    ///     Q: mat![[q]], R: mat![[1.0]],
+    /// };
+    /// let over = |seconds: f64| -> mmae::Result<Vec<Plant>> {
+    ///     let sampled = |q| Ok(Plant { R: mat![[1.0]], ..sample(&walk(q), seconds, 0.0)?.0 });
+    ///     [1.0, 4.0].map(sampled).into_iter().collect()
+    /// };
+    /// let mut members = Members::new(ObserverKind::Kalman, over(1.0)?);
+    /// members.initial = vec![Initial { x_hat: vec![0.0], P: Some(mat![[0.0]]) }];
+    /// let settings = Settings { gains: GainMode::Recursive, ..Settings::default() };
+    /// let mut mmae = Mmae::new(&members, &settings, &Weighting::default(), &[1.0, 1.0])?;
+    /// mmae.set_models(&over(3.0)?)?;
+    /// mmae.step(&[], &[0.5])?;
+    /// // P(k|k-1) = 3 q, P = 3 q / (3 q + 1)
+    /// assert!((mmae.bank().covariance(1)[(0, 0)] - 12.0 / 13.0).abs() < 1e-14);
+    /// # Ok::<(), mmae::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Bank::set_models`]; `Conflict` for weights in the norm of the steady
+    /// `S`, which models that change do not have. The engine is then as before.
+    pub fn set_models(&mut self, plants: &[Plant]) -> Result<()> {
+        if self.innovation == Innovation::Steady && !self.bank.is_continuous() {
+            return Err(Error::Conflict {
+                problem: "models that change under the norm of their steady S".into(),
+                remedy: "judge the residuals by the running filter or one W".into(),
+            });
+        }
+        self.bank.set_models(plants)
     }
 
     /// The estimate after the last measurement, or at the start.

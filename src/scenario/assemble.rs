@@ -15,6 +15,7 @@ use super::{
     weighting,
 };
 use crate::model::{Family, Names, Surroundings, Time};
+use crate::observer::ObserverKind;
 
 /// A syntax error of the parser as an `Error`.
 pub(super) fn syntax(reader: &Reader<'_>, error: &toml::de::Error) -> Error {
@@ -85,7 +86,9 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
     // without models the checks of their number would only repeat what was said
     let weighting = table.get("weighting").filter(|_| size.is_some()).map(|value| {
         let (models, outputs) = (size.unwrap_or(0), family.names.outputs.len());
-        weighting::read(reader, value, models, outputs, family.time.is_continuous())
+        let observer = bank.as_ref().and_then(|b| b.as_ref()).map(|(b, _)| b.observer);
+        let held = observer.is_none_or(ObserverKind::is_continuous);
+        weighting::read(reader, value, models, outputs, held)
     });
     let truth = table.get("truth").map(|value| {
         let own = family.names.states.len() + filter_states;

@@ -59,9 +59,10 @@ pub(super) fn read<'a>(
     let labels = labels(&table, models.len());
     let shaping = shaping?;
     let filter = if shaping { filter_states } else { 0 };
-    let start = start::read(&table, models.len(), names.states.len() + filter, continuous);
-    let bank =
-        Bank { observer: observer?, parameters, models, labels: labels?, shaping, Q: Q?, R: R? };
+    let observer = observer?;
+    let times = [continuous, observer.is_continuous()];
+    let start = start::read(&table, models.len(), names.states.len() + filter, times);
+    let bank = Bank { observer, parameters, models, labels: labels?, shaping, Q: Q?, R: R? };
     Some((bank, start?))
 }
 
@@ -84,7 +85,7 @@ pub(super) fn explicit<'a>(
     let models = found.plants.len();
     let labels = labels(&table, models)?;
     let (n, continuous) = (family.names.states.len(), family.time.is_continuous());
-    let mut start = start::read(&table, models, n, continuous)?;
+    let mut start = start::read(&table, models, n, [continuous, observer.is_continuous()])?;
     if let Some(initial) = &found.initial {
         start.initial.clone_from(initial);
         if table.get("gains").is_none() && initial.iter().all(|i| i.P.is_some()) {

@@ -3,7 +3,7 @@
 use super::{Error, Scenario};
 use crate::bank::{Members, Settings};
 use crate::engine::{Mmae, Weighting};
-use crate::model::Names;
+use crate::model::{Names, Plant, sample};
 use crate::weight::Law;
 
 /// A bank with its weighting, ready to be started.
@@ -25,6 +25,8 @@ pub struct Estimator {
     pub labels: Vec<String>,
     /// Names of states, inputs and outputs.
     pub names: Names,
+    /// Discrete filters of continuous plants: the plants.
+    pub continuous: Option<Vec<Plant>>,
 }
 
 impl Estimator {
@@ -39,6 +41,22 @@ impl Estimator {
     pub fn theta_hat(&self, p: &[f64]) -> Vec<f64> {
         let weighed = || p.iter().zip(&self.values).filter(|(p, _)| **p > 0.0);
         (0..self.parameters.len()).map(|k| weighed().map(|(p, v)| p * v[k]).sum()).collect()
+    }
+
+    /// Discrete filters of continuous plants: the models sampled over `seconds`, for
+    /// [`Mmae::set_models`]; nothing for other banks. The measurement noise has the
+    /// covariance `R / dt` of the scenario's interval, however long it is since the
+    /// measurement before.
+    ///
+    /// # Errors
+    /// `InvalidDt`, and `Range` for seconds that the fastest mode does not allow.
+    pub fn models_over(&self, seconds: f64) -> crate::Result<Option<Vec<Plant>>> {
+        let Some(plants) = &self.continuous else { return Ok(None) };
+        let over = |(plant, nominal): (&Plant, &Plant)| {
+            let (sampled, _) = sample(plant, seconds, 0.0)?;
+            Ok(Plant { R: nominal.R.clone(), ..sampled })
+        };
+        plants.iter().zip(&self.members.plants).map(over).collect::<crate::Result<_>>().map(Some)
     }
 
     /// The engine at its start.
@@ -60,8 +78,8 @@ impl Scenario {
         let (Some(bank), Some(start)) = (&self.bank, &self.start) else {
             return Err(self.missing("bank", "add [bank] with models and their observer"));
         };
-        let continuous = bank.observer.is_continuous();
-        if continuous && start.dt.is_none() {
+        let (continuous, time) = (bank.observer.is_continuous(), self.family.time);
+        if time.is_continuous() && start.dt.is_none() {
             let remedy = "give the seconds between measurements, as in dt = 0.01";
             return Err(self.missing("bank.dt", remedy));
         }
@@ -76,6 +94,15 @@ impl Scenario {
         if let Some(filter) = self.surroundings.disturbance.as_ref().filter(|_| bank.shaping) {
             names.states.extend(filter.states.iter().cloned());
         }
+        let samples = time.is_continuous() && !continuous;
+        let (plants, continuous_plants) = match (samples, start.dt) {
+            (true, Some(dt)) => {
+                let sampled = plants.iter().map(|p| sample(p, dt, 0.0).map(|s| s.0));
+                let sampled: crate::Result<Vec<Plant>> = sampled.collect();
+                (sampled.map_err(|e| self.explain(e))?, Some(plants))
+            }
+            _ => (plants, None),
+        };
         let mut members = Members::new(bank.observer, plants);
         members.initial.clone_from(&start.initial);
         members.start = start.time;
@@ -90,6 +117,7 @@ impl Scenario {
             values: bank.models.clone(),
             labels: (0..bank.models.len()).map(|i| bank.label(i)).collect(),
             names,
+            continuous: continuous_plants,
         })
     }
 }

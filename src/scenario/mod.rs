@@ -166,6 +166,11 @@ impl Scenario {
                 column: 1,
             }]));
         }
+        if self.family.time.is_continuous() && !bank.observer.is_continuous() {
+            let message = "the sets of continuous plants take continuous observers";
+            let remedy = "write \"kalman-bucy\"; eip.convention = \"baram\" samples it";
+            return Err(self.fault("bank.observer", message, remedy));
+        }
         let settings = self
             .settings
             .as_ref()

@@ -12,19 +12,20 @@ use crate::model::check_covariance;
 #[derive(Debug, Clone)]
 pub(super) struct Start {
     pub(super) gains: GainMode,
-    /// Seconds between measurements of continuous observers.
+    /// Seconds between measurements of a continuous plant.
     pub(super) dt: Option<f64>,
     pub(super) prior: Vec<f64>,
     pub(super) initial: Vec<Initial>,
     pub(super) time: StartTime,
 }
 
-/// Reads the keys of a bank of `models` models with `n` states.
+/// Reads the keys of a bank of `models` models with `n` states; whether plant and
+/// observers are continuous.
 pub(super) fn read(
     table: &Table<'_, '_>,
     models: usize,
     n: usize,
-    continuous: bool,
+    [continuous, held]: [bool; 2],
 ) -> Option<Start> {
     let reader = table.reader;
     let prior = match table.get("prior") {
@@ -67,7 +68,7 @@ pub(super) fn read(
         return table.error("P0", "steady gains do not begin anywhere", remedy);
     }
     let time = match table.get("start") {
-        Some(_) if continuous => {
+        Some(_) if held => {
             let message = "continuous observers begin where the first interval does";
             return table.error("start", message, "remove it");
         }

@@ -4,6 +4,7 @@
 mod json;
 
 mod arrays;
+mod change;
 mod discrete;
 mod filters;
 mod laws;

@@ -2,6 +2,7 @@
 
 mod data;
 
+use std::collections::HashMap;
 use std::io::{self, Write};
 
 use serde::Serialize;
@@ -11,12 +12,14 @@ use super::clock::Clock;
 use super::failure::{Failure, say};
 use super::output;
 use super::signals::Signals;
+use crate::bank::GainMode;
 use crate::engine::{Estimate, Mmae};
+use crate::model::Plant;
 use crate::report::timeline::{Timeline, Track};
 use crate::report::write::{MANIFEST, Output};
 use crate::report::{figure, layout, significant};
 use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
-use crate::weight::Law;
+use crate::weight::{DwsgScheme, Law};
 use data::Record;
 
 pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Failure> {
@@ -27,7 +30,7 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     }
     let mut estimator = scenario.estimator()?;
     if let Some(name) = args.weighting {
-        estimator.weighting.law = law(name);
+        estimator.weighting.law = law(name, &estimator);
     }
     let record = data::read(&args.data, &estimator.names)?;
     let mut mmae = estimator.start().map_err(|e| scenario.explain(e))?;
@@ -125,13 +128,21 @@ fn timeline(scenario: &Scenario, estimator: &Estimator, rows: &[Row], timed: boo
 }
 
 /// The law behind a name of the command line.
-pub(super) fn law(name: LawName) -> Law {
+pub(super) fn law(name: LawName, estimator: &Estimator) -> Law {
     match name {
         LawName::Bayes => Law::Bayes,
         LawName::Zhang1 => Law::Zhang { n_max: 1.0 },
         LawName::Zhang2 => Law::Zhang { n_max: f64::INFINITY },
         LawName::Dunn => Law::Likelihood,
         LawName::DunnOde => Law::Ode { substeps: 4 },
+        LawName::Dwsg => match estimator.weighting.law {
+            own @ Law::Dwsg { .. } => own,
+            _ => {
+                let held = estimator.members.observer.is_continuous();
+                let lambda = estimator.settings.dt.filter(|_| held).map_or(1.0, |dt| 1.0 / dt);
+                Law::Dwsg { lambda, tempering: 1.0, scheme: DwsgScheme::Left }
+            }
+        },
     }
 }
 
@@ -160,6 +171,7 @@ fn filter(
     let nothing = vec![0.0; m];
     let continuous = mmae.bank().is_continuous();
     let mut rows = Vec::new();
+    let mut models = Interval { dt, now: dt, made: HashMap::new() };
     for k in 0..record.len {
         if signals.raised() {
             return Err(Failure::Cancelled);
@@ -169,13 +181,22 @@ fn filter(
         // measurement, in continuous time along the interval that begins there
         let before = if k > 0 { &record.u[(k - 1) * m..][..m] } else { &nothing[..] };
         let u = if continuous { held } else { before };
-        // a gap in the times is so many measurements that are missing
-        for _ in 1..steps(args, record, k, dt)? {
-            mmae.step(before, &missing).map_err(|e| Failure::Numerical(vec![e.to_string()]))?;
+        match since(record, k, dt) {
+            // a gap in the times is so many measurements that are missing
+            Since::Steps(steps) => {
+                models.set(dt, estimator, mmae).map_err(|e| numerical(k, &e))?;
+                for _ in 1..steps {
+                    mmae.step(before, &missing).map_err(|e| numerical(k, &e))?;
+                }
+            }
+            Since::Seconds(seconds) if irregular(estimator) => {
+                models.set(seconds, estimator, mmae).map_err(|e| numerical(k, &e))?;
+            }
+            Since::Seconds(seconds) => return Err(refuse(args, k, seconds, dt, estimator).into()),
         }
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);
-        let e = step.map_err(|e| Failure::Numerical(vec![format!("sample {}: {e}", k + 1)]))?;
+        let e = step.map_err(|e| numerical(k, &e))?;
         if every > 0 && (k as u64 + 1).is_multiple_of(every) {
             rows.push(Row {
                 t: record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]),
@@ -189,25 +210,82 @@ fn filter(
     Ok(rows)
 }
 
-/// Sampling intervals between sample `k` and the one before.
-fn steps(args: &EstimateArguments, record: &Record, k: usize, dt: f64) -> Result<u64, Error> {
-    let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Ok(1) };
-    let ratio = (t[k] - t[k - 1]) / dt;
-    let whole = ratio.round();
-    if (ratio - whole).abs() > 1e-3 || !(1.0..=1e6).contains(&whole) {
-        return Err(Error::Invalid(vec![Diagnostic {
-            file: args.data.display().to_string(),
-            line: k + 2,
-            column: 1,
-            key: "t".into(),
-            message: format!(
-                "{} s after the sample before, not a multiple of dt = {dt} s",
-                t[k] - t[k - 1]
-            ),
-            remedy: "give the sampling interval of the record as dt, or leave out the times".into(),
-        }]));
+fn numerical(k: usize, error: &crate::Error) -> Failure {
+    Failure::Numerical(vec![format!("sample {}: {error}", k + 1)])
+}
+
+/// Time since the sample before.
+enum Since {
+    /// So many sampling intervals.
+    Steps(u64),
+    /// Not a whole number of them.
+    Seconds(f64),
+}
+
+fn since(record: &Record, k: usize, dt: f64) -> Since {
+    let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Since::Steps(1) };
+    let seconds = t[k] - t[k - 1];
+    let whole = (seconds / dt).round();
+    if (seconds / dt - whole).abs() > 1e-3 || !(1.0..=1e6).contains(&whole) {
+        return Since::Seconds(seconds);
     }
-    Ok(whole as u64)
+    Since::Steps(whole as u64)
+}
+
+/// True for filters that take a measurement at any time.
+fn irregular(estimator: &Estimator) -> bool {
+    estimator.continuous.is_some() && estimator.settings.gains == GainMode::Recursive
+}
+
+/// Sampled models by the bits of the interval.
+struct Interval {
+    dt: f64,
+    now: f64,
+    made: HashMap<u64, Vec<Plant>>,
+}
+
+/// Intervals whose models are kept.
+const INTERVALS: usize = 1000;
+
+impl Interval {
+    /// Puts the filters to models over `seconds`.
+    fn set(&mut self, seconds: f64, estimator: &Estimator, mmae: &mut Mmae) -> crate::Result<()> {
+        if seconds.to_bits() == self.now.to_bits() {
+            return Ok(());
+        }
+        self.now = seconds;
+        if seconds.to_bits() == self.dt.to_bits() {
+            return mmae.set_models(&estimator.members.plants);
+        }
+        if let Some(models) = self.made.get(&seconds.to_bits()) {
+            return mmae.set_models(models);
+        }
+        let Some(models) = estimator.models_over(seconds)? else { return Ok(()) };
+        mmae.set_models(&models)?;
+        if self.made.len() < INTERVALS {
+            self.made.insert(seconds.to_bits(), models);
+        }
+        Ok(())
+    }
+}
+
+fn refuse(args: &EstimateArguments, k: usize, seconds: f64, dt: f64, bank: &Estimator) -> Error {
+    let remedy = if bank.continuous.is_some() {
+        "give bank.P0 or gains = \"recursive\": steady gains are those of one interval"
+    } else if bank.members.observer.is_continuous() {
+        "give the interval of the record as dt, or use observer = \"kalman\", which takes a \
+         measurement at any time"
+    } else {
+        "give the sampling interval of the record as dt, or leave out the times"
+    };
+    Error::Invalid(vec![Diagnostic {
+        file: args.data.display().to_string(),
+        line: k + 2,
+        column: 1,
+        key: "t".into(),
+        message: format!("{seconds} s after the sample before, not a multiple of dt = {dt} s"),
+        remedy: remedy.into(),
+    }])
 }
 
 #[derive(Serialize)]

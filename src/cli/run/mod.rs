@@ -27,7 +27,7 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
     }
     let mut simulation = scenario.simulation(&args.truth)?;
     if let Some(name) = args.weighting {
-        simulation.estimator.weighting.law = law(name);
+        simulation.estimator.weighting.law = law(name, &simulation.estimator);
     }
     simulation.trials = args.trials.unwrap_or(simulation.trials);
     simulation.seed = args.seed.unwrap_or(simulation.seed);

@@ -36,6 +36,8 @@ pub(super) enum Command {
     Run(RunArguments),
     /// Solve a file of Riccati and Lyapunov equations
     Solve(SolveArguments),
+    /// Measure the speed of this version on this machine
+    Bench(BenchArguments),
 }
 
 #[derive(Debug, Args)]
@@ -178,6 +180,17 @@ pub(super) enum LawName {
     DunnOde,
     /// The dynamic weighting signal generator; lambda is the scenario's, or 1/dt
     Dwsg,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct BenchArguments {
+    /// Print JSON in place of the table
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Fewer rounds: some ten seconds in place of a minute
+    #[arg(long)]
+    pub(super) quick: bool,
 }
 
 #[derive(Debug, Args)]

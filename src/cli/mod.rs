@@ -1,4 +1,4 @@
-//! The command `mmae`: `eip`, `check`, `estimate`, `new`, `run` and `solve`.
+//! The command `mmae`: `eip`, `check`, `estimate`, `new`, `run`, `solve` and `bench`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
@@ -6,6 +6,7 @@
 //! page "command", describes all of it.
 
 mod arguments;
+mod bench;
 mod check;
 mod clock;
 mod eip;
@@ -43,6 +44,7 @@ pub fn main() -> ExitCode {
         Command::Estimate(args) => estimate::run(args, &signals),
         Command::Run(args) => run::run(args, &signals),
         Command::Solve(args) => solve::run(args, &signals),
+        Command::Bench(args) => bench::run(args, &signals),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,4 +1,4 @@
-//! Rates of the batched solvers and of EIP pairs, on problems made by formula.
+//! Rates of the batched solvers, of EIP pairs and of banks, on problems made by formula.
 //!
 //! `cargo bench --bench throughput` prints a table, `-- --json` one object
 //! (`{"care_n4": {"rate": .., "checksum": ..}}`, problems or pairs per second),
@@ -10,10 +10,14 @@
 //! `benches/peers/problems.py`.
 #![allow(clippy::print_stdout, reason = "a program that reports on stdout")]
 
+use mmae::Mat;
+use mmae::bank::{Members, Settings};
 use mmae::eip::{Study, Verify};
-use mmae::model::{Grid, systems};
+use mmae::engine::{Arrays, Mmae, Weighting};
+use mmae::model::{Grid, Plant, Time, systems};
 use mmae::observer::{ModelSet, ObserverKind};
 use mmae::par::RunControl;
+use mmae::sim::{Measurement, MonteCarlo, Truth};
 use mmae::solve::{self, Checks, Lyapunov, Riccati, Solutions};
 use std::sync::Arc;
 use std::time::Instant;
@@ -173,10 +177,78 @@ fn eip_pendulum(control: &RunControl<'_>) -> Any<Pass> {
     }
 }
 
+/// A bank of `benches/peers/problems.py`: n, q and the number of models.
+const BANKS: [(&str, [usize; 3]); 2] = [("n3_q1_N4", [3, 1, 4]), ("n4_q2_N16", [4, 2, 16])];
+const RECORDS: usize = 1024;
+const STEPS: usize = 250;
+const CHECKED_RECORDS: usize = 4;
+
+/// Models and records of a bank.
+fn bank_problem([n, q, models]: [usize; 3]) -> (Vec<Plant>, Vec<f64>) {
+    let mut stream = Stream { state: 400 + n as u64 };
+    let root = 1.5 * (n as f64).sqrt();
+    let mut plants = Vec::new();
+    for _ in 0..models {
+        let (a, c) = (stream.take(n * n), stream.take(q * n));
+        plants.push(Plant {
+            time: Time::Discrete { dt: 1.0 },
+            A: Mat::from_fn(n, n, |i, j| a[i * n + j] / root),
+            B: Mat::zeros(n, 0),
+            G: Mat::identity(n, n),
+            C: Mat::from_fn(q, n, |i, j| c[i * n + j]),
+            Q: Mat::identity(n, n),
+            R: Mat::identity(q, q),
+        });
+    }
+    let y = stream.take(RECORDS * STEPS * q).into_iter().map(|u| 3.0 * u).collect();
+    (plants, y)
+}
+
+/// Steady filters and Bayes's weights on given records; the checksum is the mean
+/// log-likelihood a step of the first records.
+fn bank(sizes: [usize; 3]) -> Any<Run> {
+    let (plants, y) = bank_problem(sizes);
+    let members = Members::new(ObserverKind::Kalman, plants);
+    let prior = vec![1.0; sizes[2]];
+    let mmae = Mmae::new(&members, &Settings::default(), &Weighting::default(), &prior)?;
+    Ok(Box::new(move |control| {
+        let arrays = Arrays { records: RECORDS, steps: STEPS, y: &y, ..Arrays::default() };
+        let out = mmae.run_arrays(&arrays, control)?;
+        let first = &out.log_lik_models[..CHECKED_RECORDS * sizes[2]];
+        let checksum = first.iter().sum::<f64>() / (first.len() * STEPS) as f64;
+        Ok(Pass { items: RECORDS * STEPS * sizes[2], checksum })
+    }))
+}
+
+/// The same with noise and truth; the checksum is the mean NIS of the right model
+/// over the number of outputs.
+fn simulate(sizes: [usize; 3]) -> Run {
+    let (plants, _) = bank_problem(sizes);
+    let experiment = MonteCarlo {
+        truth: Truth::new(plants[0].clone()),
+        members: Members::new(ObserverKind::Kalman, plants),
+        settings: Settings::default(),
+        weighting: Weighting::default(),
+        prior: vec![1.0; sizes[2]],
+        steps: STEPS as u64,
+        trials: RECORDS as u64,
+        measurement: Measurement::Sampled,
+        seed: 1,
+        every: 0,
+        keep: Vec::new(),
+        values: Vec::new(),
+    };
+    Box::new(move |control| {
+        let summary = experiment.run(control)?;
+        let checksum = summary.last().nis[0] / sizes[1] as f64;
+        Ok(Pass { items: RECORDS * STEPS * sizes[2], checksum })
+    })
+}
+
 type Run = Box<dyn Fn(&RunControl<'_>) -> Any<Pass>>;
 
 /// Every case: its name, and what runs it once.
-fn cases(test: bool) -> Vec<(String, Run)> {
+fn cases(test: bool) -> Any<Vec<(String, Run)>> {
     let kinds = [
         ("care", Equation::Care),
         ("dare", Equation::Dare),
@@ -199,7 +271,11 @@ fn cases(test: bool) -> Vec<(String, Run)> {
         }
     }
     out.push(("eip_pendulum".into(), Box::new(eip_pendulum)));
-    out
+    for (name, sizes) in BANKS {
+        out.push((format!("bank_{name}"), bank(sizes)?));
+        out.push((format!("simulate_{name}"), simulate(sizes)));
+    }
+    Ok(out)
 }
 
 /// What the arguments ask for.
@@ -271,7 +347,7 @@ fn main() -> Any<()> {
     let asked = arguments()?;
     let control = RunControl::default().threads(asked.threads);
     let mut lines = Vec::new();
-    for (name, run) in cases(asked.test) {
+    for (name, run) in cases(asked.test)? {
         if !asked.only.is_empty() && !asked.only.contains(&name) {
             continue;
         }

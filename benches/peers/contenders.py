@@ -1,5 +1,6 @@
 """What SciPy, SLICOT and NumPy do with the problems: each returns X, or Upsilon."""
 
+import bank
 import numpy as np
 import scipy.linalg as sl
 from problems import C_K, LENGTHS, NOMINALS, THETA, closed_loop, pendulum, problems
@@ -111,6 +112,10 @@ def contenders(case):
     """Name and function of everyone who takes part in `case`."""
     if case == "eip_pendulum":
         return {"SciPy, Lyapunov per pair": eip_scipy, "NumPy, eigenvectors": eip_numpy}
+    if case.startswith("bank_"):
+        return bank.contenders(case.removeprefix("bank_"))
+    if case.startswith("simulate_"):
+        return bank.simulators(case.removeprefix("simulate_"))
     # ours alone may leave out the error bounds
     kind, n = case.removesuffix("_nobound").rsplit("_n", 1)
     out = {"SciPy": in_a_loop(scipy_solver(kind), kind, int(n))}

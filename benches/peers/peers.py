@@ -1,4 +1,4 @@
-"""Our solvers and EIP pairs beside SciPy, SLICOT and NumPy: same problems, same run.
+"""Ours beside SciPy, SLICOT, NumPy, JAX and filter libraries: same problems, same run.
 
 Rounds are interleaved (one slice of every contender, again and again), so a
 slow moment of the machine falls on all of them; best rounds are compared, and
@@ -18,6 +18,8 @@ import scipy
 from contenders import contenders, slycot
 
 AGREE = 1e-8
+# Simulations draw other numbers: their checksums, near one, agree as means over trials do.
+AGREE_DRAWN = 0.15
 
 
 def timed(run, seconds):
@@ -73,8 +75,9 @@ def main():
         for name, run in runs[case].items():
             sums[case][name] = run()[1]
         want = sums[case]["mmae"]
+        agree = AGREE_DRAWN if case.startswith("simulate_") else AGREE
         for name, got in sums[case].items():
-            if not abs(got - want) <= AGREE * abs(want):
+            if not abs(got - want) <= agree * abs(want):
                 sys.exit(f"{case}: {name} has checksum {got!r}, mmae {want!r}: not the same numbers")
     for number in range(args.rounds):
         print(f"round {number + 1} of {args.rounds}", file=sys.stderr)
@@ -95,7 +98,7 @@ def main():
         "slycot": getattr(slycot, "__version__", None),
         "rounds": args.rounds,
         "seconds": args.seconds,
-        "unit": "problems per second (pairs per second in eip_pendulum)",
+        "unit": "problems per second; pairs in eip_pendulum, model-trial-steps in bank_ and simulate_",
     }
     if os.path.dirname(args.out):
         os.makedirs(os.path.dirname(args.out), exist_ok=True)
@@ -105,15 +108,15 @@ def main():
 
     print(f"{about['cpu']}, one thread, commit {about['commit']}, best of {args.rounds} rounds")
     print(f"NumPy {numpy.__version__}, SciPy {scipy.__version__}, slycot {about['slycot'] or 'not installed'}")
-    print(f"{'case':<13} {'mmae /s':>9}  {'peer':<25} {'peer /s':>9} {'ratio':>7}  range over rounds")
+    print(f"{'case':<18} {'mmae /s':>9}  {'peer':<25} {'peer /s':>9} {'ratio':>7}  range over rounds")
     for case in cases:
         mine = rates[case]["mmae"]
         for name in runs[case]:
             theirs = rates[case][name]
             ratios = [a / b for a, b in zip(mine, theirs)]
-            row = f"{case:<13} {max(mine):9.3g}  {name:<25} {max(theirs):9.3g} {max(mine) / max(theirs):7.3g}"
+            row = f"{case:<18} {max(mine):9.3g}  {name:<25} {max(theirs):9.3g} {max(mine) / max(theirs):7.3g}"
             print(f"{row}  {min(ratios):.3g} .. {max(ratios):.3g}")
-    print(f"all checksums agree to {AGREE:g}; raw numbers in {args.out}")
+    print(f"all checksums agree to {AGREE:g} (simulations to {AGREE_DRAWN:g}); raw numbers in {args.out}")
 
 
 if __name__ == "__main__":

@@ -57,6 +57,26 @@ def problems(kind, n, count=CHECKED):
     return a, b, q
 
 
+# A bank: N models with random A <- A/(1.5 sqrt n) and C, Q = I, R = I, steady filters,
+# x_hat = 0; T records of K measurements 3 u. Stream seed 400 + n; models first (A, C each),
+# then the records. The checksum is the mean log-likelihood a step of the first records
+# under all models; of a simulation (the plant is model 1) the mean NIS of model 1 at the
+# end over the number of outputs, whose expectation is one.
+BANKS = {"n3_q1_N4": (3, 1, 4), "n4_q2_N16": (4, 2, 16)}
+RECORDS, STEPS, CHECKED_RECORDS = 1024, 250, 4
+
+
+def bank_problem(name):
+    """A (N, n, n), C (N, q, n) and y (T, K, q)."""
+    n, q, models = BANKS[name]
+    each = n * n + q * n
+    u = uniform(400 + n, models * each + RECORDS * STEPS * q)
+    both = u[: models * each].reshape(models, each)
+    a = both[:, : n * n].reshape(models, n, n) / (1.5 * np.sqrt(n))
+    c = both[:, n * n :].reshape(models, q, n)
+    return a, c, 3.0 * u[models * each :].reshape(RECORDS, STEPS, q)
+
+
 # The inverted pendulum of Hassani, Aguiar, Pascoal and Athans (2009) with the
 # controller of examples/pendulum.toml: 401 lengths, 4 models, Ito convention.
 

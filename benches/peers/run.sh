@@ -1,5 +1,6 @@
 #!/bin/sh
-# Our rates beside SciPy's, SLICOT's and NumPy's on the same problems in the same run.
+# Our rates beside those of SciPy, SLICOT, NumPy, JAX and filter libraries on the same
+# problems in the same run.
 #
 #   benches/peers/run.sh [--rounds 7] [--seconds 0.3] [--case care_n8] [--out FILE]
 #
@@ -23,6 +24,10 @@ if ! "$venv/bin/python" -c 'import scipy' 2>/dev/null; then
     # A wheel exists for few platforms and a build needs Fortran: go on without.
     "$venv/bin/pip" install --quiet --disable-pip-version-check slycot 2>/dev/null ||
         echo "slycot could not be installed: the comparison with SLICOT is left out" >&2
+    for peer in 'jax[cpu]' simdkalman filterpy; do
+        "$venv/bin/pip" install --quiet --disable-pip-version-check "$peer" 2>/dev/null ||
+            echo "$peer could not be installed: it is left out" >&2
+    done
 fi
 
 program=$(cargo bench --no-run --bench throughput --message-format=json |
@@ -33,6 +38,7 @@ found = [m["executable"] for m in map(json.loads, sys.stdin)
 print(found[-1])')
 
 # One thread for everyone, and no byte code left in the tree.
+export XLA_FLAGS='--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1'
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 RAYON_NUM_THREADS=1
 export PYTHONDONTWRITEBYTECODE=1
 "$venv/bin/python" "$here/peers.py" --program "$program" "$@"

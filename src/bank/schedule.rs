@@ -156,6 +156,14 @@ impl Schedule {
         }
     }
 
+    /// The numbers of all models at a place, those that are fixed and those of the
+    /// step; `None` if none are fixed.
+    #[inline(always)]
+    pub(crate) fn of_all(&self, place: usize) -> Option<[&[f64]; 2]> {
+        let each = self.numbers()[1] * self.models;
+        (!self.fixed.is_empty()).then(|| [&self.fixed[..], &self.steps[place * each..][..each]])
+    }
+
     /// Covariances of all models after the measurement of a step, shape (model,
     /// state, state).
     pub(crate) fn covariances(&self, step: usize) -> &[f64] {

@@ -1,6 +1,7 @@
 //! Eight trials at once: truth, bank and weights in lanes.
 
 use super::consistency::Spreads;
+use super::filters::Step;
 use super::monte_carlo::Plan;
 use super::recorder::{Recorder, Seen};
 use super::tally::{Tally, Trajectory};
@@ -74,6 +75,27 @@ impl<T: Real> Filters<'_, T> {
         let Schedule { n, q, .. } = *self.coefficients;
         let place = self.coefficients.place(k);
         let (zhang, hold) = (self.plan.zhang, self.plan.hold);
+        if !zhang
+            && hold.is_none()
+            && self.plan.norm == Norm::Filter
+            && let Some([fixed, moving]) = self.coefficients.of_all(place)
+        {
+            T::outline(Step {
+                fixed,
+                moving,
+                sizes: [n, q],
+                moves,
+                u,
+                y,
+                x: &mut self.x,
+                next: &mut self.next,
+                r: &mut self.r,
+                nis: &mut self.nis,
+                log_lik: &mut self.log_lik,
+            });
+            self.mark_failed();
+            return;
+        }
         for i in 0..self.nis.len() {
             let c = self.coefficients.at(i, place);
             let x = &mut self.x[i * n..][..n];
@@ -119,6 +141,14 @@ impl<T: Real> Filters<'_, T> {
                 let rate = T::splat(0.25) * ends + T::splat(c.bias);
                 self.log_lik[i] = -rate * T::splat(dt);
             }
+        }
+        self.mark_failed();
+    }
+
+    /// Members that failed say nothing.
+    #[inline(always)]
+    fn mark_failed(&mut self) {
+        for i in 0..self.nis.len() {
             if self.plan.failed[i] {
                 let gone = T::splat(f64::NAN);
                 (self.log_lik[i], self.energy[i], self.nis[i]) = (gone, gone, gone);

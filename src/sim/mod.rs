@@ -22,6 +22,7 @@
 
 mod alone;
 mod consistency;
+mod filters;
 mod joint;
 mod lanes;
 mod moment;

@@ -1,7 +1,7 @@
 //! Eight trials of a truth on their way.
 
 use super::source::{Phase, Source, Timing};
-use crate::real::Real;
+use crate::real::{LaneKernel, Real};
 use crate::sim::random::Streams;
 use crate::simd::{Block, load_group};
 
@@ -242,11 +242,55 @@ fn advance<T: Real>(a: &[f64], b: &[f64], u: &[T], x: &mut [T], next: &mut [T]) 
 /// `out += M x`.
 #[inline(always)]
 pub(in crate::sim) fn add_product<T: Real>(m: &[f64], x: &[T], out: &mut [T]) {
-    let n = x.len();
-    for i in 0..out.len() {
+    T::outline(AddProduct { m, x, out });
+}
+
+/// [`add_product`], with constant sizes for those that plants often have: the
+/// chains of the rows are then worked on side by side.
+struct AddProduct<'a, T> {
+    m: &'a [f64],
+    x: &'a [T],
+    out: &'a mut [T],
+}
+
+impl<T: Real> LaneKernel<T> for AddProduct<'_, T> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let AddProduct { m, x, out } = self;
+        if T::UNROLLS {
+            match (out.len(), x.len()) {
+                (1, 1) => return rows::<T, 1, 1>(m, x, out),
+                (1, 2) => return rows::<T, 1, 2>(m, x, out),
+                (1, 3) => return rows::<T, 1, 3>(m, x, out),
+                (1, 4) => return rows::<T, 1, 4>(m, x, out),
+                (2, 2) => return rows::<T, 2, 2>(m, x, out),
+                (2, 4) => return rows::<T, 2, 4>(m, x, out),
+                (3, 3) => return rows::<T, 3, 3>(m, x, out),
+                (4, 4) => return rows::<T, 4, 4>(m, x, out),
+                _ => {}
+            }
+        }
+        let n = x.len();
+        for i in 0..out.len() {
+            let mut sum = out[i];
+            for j in 0..n {
+                sum = T::splat(m[i * n + j]).mul_add(x[j], sum);
+            }
+            out[i] = sum;
+        }
+    }
+}
+
+/// `R` rows of `C` columns.
+#[inline(always)]
+fn rows<T: Real, const R: usize, const C: usize>(m: &[f64], x: &[T], out: &mut [T]) {
+    let (m, x, out) = (&m[..R * C], &x[..C], &mut out[..R]);
+    for i in 0..R {
         let mut sum = out[i];
-        for j in 0..n {
-            sum = T::splat(m[i * n + j]).mul_add(x[j], sum);
+        for j in 0..C {
+            sum = T::splat(m[i * C + j]).mul_add(x[j], sum);
         }
         out[i] = sum;
     }

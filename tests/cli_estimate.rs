@@ -61,6 +61,8 @@ fn the_nile_has_its_published_posterior() {
     assert_eq!(fs::read(dir.join("estimate.json")).unwrap(), out.stdout);
     let picture = fs::read_to_string(dir.join("weights.svg")).unwrap();
     assert!(picture.contains("Level of the Nile") && picture.contains("f_Q"), "{picture}");
+    let picture = fs::read_to_string(dir.join("record.svg")).unwrap();
+    assert!(picture.contains("flow residual") && !picture.contains("NaN"), "{picture}");
     assert_eq!(estimate(&args).status.code(), Some(6), "an earlier result is kept");
     let text_out = estimate(&[&scenario, "--data", &data]);
     assert!(

@@ -164,6 +164,13 @@ fn mistakes_and_results() {
         serde_json::from_str(&fs::read_to_string(format!("{dir}/run.json")).unwrap()).unwrap();
     assert_eq!(saved, json(&[&file, "--trials", "20"]));
     assert!(Path::new(&format!("{dir}/manifest.json")).exists());
+    for (picture, needle) in
+        [("weights", "bands of 50 %"), ("errors", "root mean square"), ("trial", "x residual")]
+    {
+        let svg = fs::read_to_string(format!("{dir}/{picture}.svg")).unwrap();
+        assert!(svg.contains(needle) && svg.trim_end().ends_with("</svg>"), "{picture}");
+        assert!(!svg.contains("NaN") && !svg.contains("inf"), "{picture}");
+    }
     assert_eq!(run(&[&file, "--trials", "20", "--out", &dir]).status.code(), Some(6));
     let pendulum = run(&[&example("pendulum")]);
     assert_eq!(pendulum.status.code(), Some(3));

@@ -200,6 +200,29 @@ impl Bank {
         self.nodes.is_some()
     }
 
+    /// Standard deviation that model `i` expects of each innovation, `sqrt(S_jj)`,
+    /// at the last measurement; NaN for an output that was missing.
+    pub fn sigma(&self, i: usize) -> Vec<f64> {
+        let q = self.r.rows();
+        let w = &self.gains.coefficients().w;
+        // L = W^-1 row by row, over the outputs present
+        let mut l = vec![0.0; q * q];
+        let mut sigma = vec![f64::NAN; q];
+        for r in 0..q {
+            let pivot = w.get(i, r, r);
+            if pivot.abs() == 0.0 {
+                continue;
+            }
+            for c in 0..=r {
+                let unit = if r == c { 1.0 } else { 0.0 };
+                let sum = (c..r).fold(unit, |s, k| s - w.get(i, r, k) * l[k * q + c]);
+                l[r * q + c] = sum / pivot;
+            }
+            sigma[r] = l[r * q..][..q].iter().map(|v| v * v).sum::<f64>().sqrt();
+        }
+        sigma
+    }
+
     /// Covariances and coefficients.
     pub fn gains(&self) -> &Gains {
         &self.gains

@@ -9,6 +9,7 @@ mod arguments;
 mod bench;
 mod check;
 mod clock;
+mod course;
 mod eip;
 mod estimate;
 mod failure;

@@ -208,7 +208,7 @@ impl MonteCarlo {
             + u64::from(self.every == 0 || !self.steps.is_multiple_of(self.every));
         let axes = plan.shape.axes();
         let samples = axes.len() as u128 * u128::from(Sample::bytes(self.trials));
-        let each = samples + (LEAST * plan.shape.bytes()) as u128 + self.keep.len() as u128 * 64;
+        let each = samples + self.held(&plan.shape) as u128 + self.keep.len() as u128 * 64;
         let bytes = u128::from(reports) * each;
         if bytes > LIMIT {
             return Err(Error::Limit {
@@ -221,7 +221,7 @@ impl MonteCarlo {
         let route = self.route(&engine, &plan)?;
         let reports = reports as usize;
         let work = |first: u64, trials: usize| -> Result<Part> {
-            let mut tally = Tally::new(&plan.shape, reports);
+            let mut tally = Tally::new(&plan.shape, reports, trials);
             let mut kept = Vec::new();
             for start in (0..trials).step_by(LANES) {
                 let (first, valid) = (first + start as u64, LANES.min(trials - start));
@@ -269,6 +269,12 @@ impl MonteCarlo {
         })
     }
 
+    /// Bytes a report of the chunks that are always held at once.
+    fn held(&self, shape: &Shape) -> usize {
+        let trials = usize::try_from(self.trials).unwrap_or(usize::MAX);
+        LEAST.min(trials.div_ceil(CHUNK)) * shape.bytes(trials.min(CHUNK))
+    }
+
     /// Runs chunks of trials and adds up their results, in the order of the trials.
     fn gather(
         &self,
@@ -279,7 +285,8 @@ impl MonteCarlo {
         work: impl Fn(u64, usize) -> Result<Part> + Sync,
     ) -> Result<Total> {
         // as many chunks at once as fit; the results do not depend on it
-        let chunks = (LIMIT as usize / 16 / (reports * shape.bytes()).max(1)).clamp(LEAST, ROUND);
+        let chunks =
+            (LIMIT as usize / 16 / (reports * shape.bytes(CHUNK)).max(1)).clamp(LEAST, ROUND);
         let quantities = total.samples.len() / reports;
         let mut first = 0;
         while first < self.trials {
@@ -309,7 +316,7 @@ impl MonteCarlo {
                 |report, samples| {
                     for (j, sample) in samples.iter_mut().enumerate() {
                         for part in &parts {
-                            let at = (report * quantities + j) * CHUNK;
+                            let at = (report * quantities + j) * part.trials;
                             sample.extend(&part.values[at..][..part.trials]);
                         }
                     }

@@ -119,9 +119,9 @@ impl Shape {
         axes
     }
 
-    /// Bytes that a report of a chunk takes.
-    pub(super) fn bytes(&self) -> usize {
-        8 * self.sums() * (LANES + 1) + 8 * CHUNK * self.axes().len()
+    /// Bytes that a report of a chunk of `trials` takes.
+    pub(super) fn bytes(&self, trials: usize) -> usize {
+        8 * self.sums() * (LANES + 1) + 8 * trials * self.axes().len()
     }
 }
 
@@ -152,19 +152,21 @@ pub(super) struct Tally<'a> {
     /// Shape (report, quantity, trial).
     values: Vec<f64>,
     quantities: usize,
+    trials: usize,
     /// First of the eight trials at hand, and how many there are.
     start: usize,
     valid: usize,
 }
 
 impl<'a> Tally<'a> {
-    pub(super) fn new(shape: &'a Shape, reports: usize) -> Self {
+    pub(super) fn new(shape: &'a Shape, reports: usize, trials: usize) -> Self {
         let quantities = shape.axes().len();
         Self {
             shape,
             sums: vec![Block::default(); reports * shape.sums()],
-            values: vec![0.0; reports * quantities * CHUNK],
+            values: vec![0.0; reports * quantities * trials],
             quantities,
+            trials,
             start: 0,
             valid: 0,
         }
@@ -198,7 +200,8 @@ impl<'a> Tally<'a> {
         let counts = T::from_fn(|l| if lanes + l < valid { 1.0 } else { 0.0 });
         let real = counts.gt(T::zero());
         let mut values = Values {
-            all: &mut self.values[at * self.quantities * CHUNK..],
+            all: &mut self.values[at * self.quantities * self.trials..],
+            trials: self.trials,
             trial: self.start + lanes,
             count: valid.saturating_sub(lanes).min(T::LANES),
             next: 0,
@@ -292,6 +295,7 @@ impl<T: Real> Sums<'_, T> {
 /// Values of a report, one quantity after the other.
 struct Values<'a> {
     all: &'a mut [f64],
+    trials: usize,
     trial: usize,
     count: usize,
     next: usize,
@@ -300,7 +304,7 @@ struct Values<'a> {
 impl Values<'_> {
     #[inline(always)]
     fn push<T: Real>(&mut self, number: T) {
-        let out = &mut self.all[self.next * CHUNK + self.trial..];
+        let out = &mut self.all[self.next * self.trials + self.trial..];
         if self.count == T::LANES {
             number.store(out);
         } else {

@@ -9,13 +9,15 @@ use serde::Serialize;
 
 use super::arguments::{EstimateArguments, LawName};
 use super::clock::Clock;
+use super::course::{self, Course};
 use super::failure::{Failure, say};
 use super::output;
 use super::signals::Signals;
 use crate::bank::GainMode;
 use crate::engine::{Estimate, Mmae};
 use crate::model::Plant;
-use crate::report::timeline::{Timeline, Track};
+use crate::par::RunControl;
+use crate::report::timeline::{Bands, Timeline, Track};
 use crate::report::write::{MANIFEST, Output};
 use crate::report::{figure, layout, significant};
 use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
@@ -57,14 +59,20 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     };
     // a picture needs the whole of the record, the report what was asked for
     let every = if output.is_some() { 1 } else { args.every };
-    let mut rows = filter(args, every, &estimator, &record, &mut mmae, signals)?;
+    let mut course = output.is_some().then(Course::default);
+    let mut rows = filter(args, every, &estimator, &record, &mut mmae, signals, course.as_mut())?;
     let estimate = mmae.estimate();
     if let Some(mut output) = output {
         let dir = output.dir().to_path_buf();
         let kept = thin(&rows, args.every);
         output.add(FILES[0], |out| print_json(out, &estimator, estimate, &kept))?;
-        let run = timeline(&scenario, &estimator, &rows, record.t.is_some());
+        let run = timeline(&scenario, &estimator, &rows, record.t.is_some(), signals);
         output.add(FILES[1], |out| figure::write_timeline(&run, out))?;
+        let course = course.unwrap_or_default();
+        let (models, law) = (estimator.labels.len(), estimator.weighting.law.name());
+        let subtitle = format!("{models} models, law {law}, {} samples", rows.len());
+        let stack = course.stack(&run.title, subtitle, &run.time, &estimator.names);
+        output.add(FILES[2], |out| figure::write_stack(&stack, out))?;
         let manifest = clock.manifest(&args.file, 1, output.written())?;
         output.add(MANIFEST, |out| manifest.write(out))?;
         if signals.raised() {
@@ -95,7 +103,7 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
 /// the likelihood of a continuous record is no longer that of its samples.
 const COARSE: f64 = 0.3;
 
-const FILES: [&str; 3] = ["estimate.json", "weights.svg", MANIFEST];
+const FILES: [&str; 4] = ["estimate.json", "weights.svg", "record.svg", MANIFEST];
 
 /// Every `every`-th row; none where it is 0.
 fn thin(rows: &[Row], every: u64) -> Vec<Row> {
@@ -106,23 +114,37 @@ fn thin(rows: &[Row], every: u64) -> Vec<Row> {
     }
 }
 
-fn timeline(scenario: &Scenario, estimator: &Estimator, rows: &[Row], timed: bool) -> Timeline {
+fn timeline(
+    scenario: &Scenario,
+    estimator: &Estimator,
+    rows: &[Row],
+    timed: bool,
+    signals: &Signals,
+) -> Timeline {
+    let control = RunControl::default().cancel(signals.cancel());
+    let boundaries = course::boundaries(scenario, &estimator.parameters, &control);
     let models = estimator.labels.len();
     let law = estimator.weighting.law.name();
     let track = |k: usize| Track {
         name: estimator.parameters[k].clone(),
         mean: rows.iter().map(|r| r.theta_hat[k]).collect(),
         models: estimator.values.iter().map(|v| v[k]).collect(),
+        bands: Bands::default(),
+        boundaries: boundaries.clone(),
         truth: None,
     };
     Timeline {
         title: scenario.title().unwrap_or("Weights of the models").into(),
-        subtitle: format!("{models} models, law {law}, {} samples", rows.len()),
+        subtitle: format!(
+            "{models} models, law {law}, {} samples{}",
+            rows.len(),
+            course::legend(&estimator.parameters, false, &boundaries)
+        ),
         time: if timed { "t" } else { "time, s" }.into(),
         t: rows.iter().map(|r| r.t).collect(),
         labels: estimator.labels.clone(),
         p: (0..models).map(|i| rows.iter().map(|r| r.p[i]).collect()).collect(),
-        spread: Vec::new(),
+        bands: Vec::new(),
         parameters: (0..estimator.parameters.len()).map(track).collect(),
     }
 }
@@ -164,6 +186,7 @@ fn filter(
     record: &Record,
     mmae: &mut Mmae,
     signals: &Signals,
+    mut course: Option<&mut Course>,
 ) -> Result<Vec<Row>, Failure> {
     let [_, m, q] = mmae.bank().sizes();
     let dt = mmae.bank().dt();
@@ -197,9 +220,15 @@ fn filter(
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);
         let e = step.map_err(|e| numerical(k, &e))?;
+        let t = record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]);
+        if let Some(course) = &mut course {
+            course.push(t, y, &e.x_hat, &[]);
+            course.judge(mmae);
+        }
+        let e = mmae.estimate();
         if every > 0 && (k as u64 + 1).is_multiple_of(every) {
             rows.push(Row {
-                t: record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]),
+                t,
                 p: e.p.clone(),
                 theta_hat: estimator.theta_hat(&e.p),
                 x_hat: e.x_hat.clone(),

@@ -42,16 +42,29 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
         .cancel(signals.cancel())
         .progress(&report);
     let keep = if simulation.trials <= FEW { (0..simulation.trials).collect() } else { Vec::new() };
+    let every = simulation.every;
+    if output.is_some() {
+        simulation.every = save::stride(simulation.steps, every);
+    }
     let result = simulation.experiment(keep).run(&control);
     progress.finish();
-    let summary = result.map_err(|e| match e {
+    let fine = result.map_err(|e| match e {
         Error::Cancelled => Failure::Cancelled,
         e => scenario.explain(e).into(),
     })?;
+    // pictures have more points than were asked for
+    let summary = save::thin(&fine, every);
     warn(&simulation, &summary);
     if let Some(output) = output {
         let dir = output.dir().to_path_buf();
-        save::save(args, scenario.title(), &simulation, &summary, output, signals, &clock)?;
+        let results = save::Results {
+            args,
+            scenario: &scenario,
+            simulation: &simulation,
+            fine: &fine,
+            summary: &summary,
+        };
+        results.save(output, signals, &clock)?;
         say("note", &format!("wrote {} to {}", save::FILES.join(", "), dir.display()));
     }
     output::print(Some(signals), |out| {

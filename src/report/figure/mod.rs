@@ -17,13 +17,14 @@ mod panel;
 mod place;
 mod scale;
 mod shade;
+mod stack;
 mod trace;
 mod weights;
 
 use std::io::{self, Write};
 
 use crate::eip::EipSets;
-use crate::report::timeline::Timeline;
+use crate::report::timeline::{Stack, Timeline};
 
 /// Writes the picture as a stand-alone SVG file that scales to any width.
 ///
@@ -47,6 +48,16 @@ pub fn write(sets: &EipSets, mut out: impl Write) -> io::Result<()> {
 pub fn write_timeline(run: &Timeline, mut out: impl Write) -> io::Result<()> {
     out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
     svg::write(&mut out, &weights::draw(run))?;
+    out.write_all(b"\n")
+}
+
+/// Writes panels over one time axis as a stand-alone SVG file.
+///
+/// # Errors
+/// Whatever `out` reports.
+pub fn write_stack(run: &Stack, mut out: impl Write) -> io::Result<()> {
+    out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
+    svg::write(&mut out, &stack::draw(run))?;
     out.write_all(b"\n")
 }
 

@@ -3,11 +3,12 @@
 use svg::node::element::{Group, SVG};
 
 use super::canvas::{self, Area, LABEL, NOTE, TICK, TITLE, WIDTH};
-use super::palette::{Color, GREY, INK, dash};
+use super::palette::{Color, GREY, dash};
 use super::place::spread;
 use super::scale::Scale;
+use super::stack::{NARROW, WIDE, band};
 use super::trace::thinned;
-use crate::report::timeline::{Timeline, Track};
+use crate::report::timeline::{Bands, Timeline, Track};
 
 /// Height of the panel of weights, and of one parameter.
 const WEIGHTS: f64 = 300.0;
@@ -90,23 +91,21 @@ fn weights(
     let mut group = Group::new()
         .add(canvas::x_axis(area, x, numbers, true))
         .add(canvas::y_axis(area, &y, 40.0, true));
-    let curve = |i: usize| {
+    let points = |values: &[f64]| -> Vec<(f64, f64)> {
         let points: Vec<(f64, f64)> =
-            run.t.iter().zip(&run.p[i]).map(|(t, p)| (x.at(*t), y.at(*p))).collect();
-        canvas::polyline(thinned(&points, area.x))
+            run.t.iter().zip(values).map(|(t, p)| (x.at(*t), y.at(*p))).collect();
+        thinned(&points, area.x)
     };
+    let curve = |i: usize| canvas::polyline(points(&run.p[i]));
     for (k, &i) in named.iter().enumerate() {
-        let Some(spread) = run.spread.get(i) else { continue };
-        let edge = |sign: f64| {
-            let ends = run.t.iter().zip(run.p[i].iter().zip(spread));
-            ends.map(move |(t, (p, s))| (x.at(*t), y.at((p + sign * s).clamp(0.0, 1.0))))
-                .collect::<Vec<_>>()
-        };
-        let upper = edge(1.0);
-        let outline = upper.into_iter().chain(edge(-1.0).into_iter().rev());
-        if let Some(path) = canvas::polyline(outline) {
-            group = group.add(path.set("fill", Color::of(k)).set("fill-opacity", 0.15));
-        }
+        let Some(Bands([low, quarter, three, high])) = run.bands.get(i) else { continue };
+        let color = Color::of(k);
+        group = group.add(band(&points(low), &points(high), color, 0.6 * WIDE)).add(band(
+            &points(quarter),
+            &points(three),
+            color,
+            0.7 * NARROW,
+        ));
     }
     for i in (0..run.p.len()).filter(|i| !named.contains(i)) {
         if let Some(path) = curve(i) {
@@ -145,7 +144,9 @@ fn weights(
 /// Range of a parameter: models, means and truth, with some room.
 fn range(track: &Track) -> (f64, f64) {
     let truth = track.truth.iter().flatten();
-    let all = track.mean.iter().chain(&track.models).chain(truth).filter(|v| v.is_finite());
+    let bands = track.bands.0.iter().flatten();
+    let all = track.mean.iter().chain(&track.models).chain(truth).chain(bands);
+    let all = all.filter(|v| v.is_finite());
     let (low, high) =
         all.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), &v| (l.min(v), h.max(v)));
     if low > high {
@@ -173,18 +174,31 @@ fn parameter(
     for value in nominal {
         let at = y.at(value);
         let line = canvas::line(area.x, at, area.right(), at, GREY.pale(0.4), 1.2);
-        group = group.add(line.set("stroke-dasharray", "5 4"));
+        group = group.add(line.set("stroke-dasharray", "2 4"));
     }
-    let curve = |values: &[f64]| {
+    for value in track.boundaries.iter().filter(|v| (low..=high).contains(*v)) {
+        let at = y.at(*value);
+        let line = canvas::line(area.x, at, area.right(), at, Color::of(5), 1.4);
+        group = group.add(line.set("stroke-dasharray", "9 4"));
+    }
+    let points = |values: &[f64]| -> Vec<(f64, f64)> {
         let points: Vec<(f64, f64)> =
             run.t.iter().zip(values).map(|(t, v)| (x.at(*t), y.at(*v))).collect();
-        canvas::polyline(thinned(&points, area.x))
+        thinned(&points, area.x)
     };
+    let [wide_low, quarter, three, wide_high] = &track.bands.0;
+    group = group.add(band(&points(wide_low), &points(wide_high), Color::of(0), WIDE)).add(band(
+        &points(quarter),
+        &points(three),
+        Color::of(0),
+        NARROW,
+    ));
+    let curve = |values: &[f64]| canvas::polyline(points(values));
     if let Some(path) = track.truth.as_deref().and_then(curve) {
         group = group.add(path.set("stroke", GREY).set("stroke-width", 3.0));
     }
     if let Some(path) = curve(&track.mean) {
-        group = group.add(path.set("stroke", INK).set("stroke-width", 2.2));
+        group = group.add(path.set("stroke", Color::of(0)).set("stroke-width", 2.2));
     }
     group.add(area.frame()).add(canvas::y_label(24.0, area, &track.name))
 }

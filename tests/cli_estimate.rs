@@ -53,6 +53,10 @@ fn the_nile_has_its_published_posterior() {
     assert_eq!(got["record"].as_array().unwrap().len(), 2);
     assert_eq!(numbers(&got["identified"]).iter().sum::<f64>(), 1.0);
     assert_eq!(got["theta_hat"].as_array().unwrap().len(), 2);
+    // the published variances, model 13, explain their residuals
+    let (nis, band) = (numbers(&got["nis_mean"]), numbers(&got["nis_band"]));
+    assert!((band[0] - 0.7422).abs() < 1e-4 && (band[1] - 1.2956).abs() < 1e-4, "{band:?}");
+    assert!(band[0] < nis[12] && nis[12] < band[1] && nis[0] > band[1], "{nis:?}");
     let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("estimate-out");
     let _ = fs::remove_dir_all(&dir);
     let out_dir = dir.display().to_string();

@@ -1,6 +1,7 @@
 //! `mmae estimate`: the bank of a scenario on recorded data.
 
 mod data;
+mod seen;
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -9,7 +10,7 @@ use serde::Serialize;
 
 use super::arguments::{EstimateArguments, LawName};
 use super::clock::Clock;
-use super::course::{self, Course};
+use super::course;
 use super::failure::{Failure, say};
 use super::output;
 use super::signals::Signals;
@@ -23,6 +24,7 @@ use crate::report::{figure, layout, significant};
 use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
 use crate::weight::{DwsgScheme, Law};
 use data::Record;
+use seen::Seen;
 
 pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Failure> {
     let clock = Clock::start();
@@ -59,16 +61,16 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     };
     // a picture needs the whole of the record, the report what was asked for
     let every = if output.is_some() { 1 } else { args.every };
-    let mut course = output.is_some().then(Course::default);
-    let mut rows = filter(args, every, &estimator, &record, &mut mmae, signals, course.as_mut())?;
+    let mut seen = Seen::new(output.is_some());
+    let mut rows = filter(args, every, &estimator, &record, &mut mmae, signals, &mut seen)?;
     let estimate = mmae.estimate();
     if let Some(mut output) = output {
         let dir = output.dir().to_path_buf();
         let kept = thin(&rows, args.every);
-        output.add(FILES[0], |out| print_json(out, &estimator, estimate, &kept))?;
+        output.add(FILES[0], |out| print_json(out, &estimator, estimate, &seen, &kept))?;
         let run = timeline(&scenario, &estimator, &rows, record.t.is_some(), signals);
         output.add(FILES[1], |out| figure::write_timeline(&run, out))?;
-        let course = course.unwrap_or_default();
+        let course = seen.course.take().unwrap_or_default();
         let (models, law) = (estimator.labels.len(), estimator.weighting.law.name());
         let subtitle = format!("{models} models, law {law}, {} samples", rows.len());
         let stack = course.stack(&run.title, subtitle, &run.time, &estimator.names);
@@ -92,9 +94,9 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     }
     output::print(Some(signals), |out| {
         if args.json {
-            print_json(out, &estimator, estimate, &rows)
+            print_json(out, &estimator, estimate, &seen, &rows)
         } else {
-            print_text(out, &estimator, estimate, &rows)
+            print_text(out, &estimator, estimate, &seen, &rows)
         }
     })
 }
@@ -186,7 +188,7 @@ fn filter(
     record: &Record,
     mmae: &mut Mmae,
     signals: &Signals,
-    mut course: Option<&mut Course>,
+    seen: &mut Seen,
 ) -> Result<Vec<Row>, Failure> {
     let [_, m, q] = mmae.bank().sizes();
     let dt = mmae.bank().dt();
@@ -219,12 +221,9 @@ fn filter(
         }
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);
-        let e = step.map_err(|e| numerical(k, &e))?;
+        step.map_err(|e| numerical(k, &e))?;
         let t = record.t.as_ref().map_or((k + 1) as f64 * dt, |t| t[k]);
-        if let Some(course) = &mut course {
-            course.push(t, y, &e.x_hat, &[]);
-            course.judge(mmae);
-        }
+        seen.add(t, y, mmae);
         let e = mmae.estimate();
         if every > 0 && (k as u64 + 1).is_multiple_of(every) {
             rows.push(Row {
@@ -333,6 +332,8 @@ struct Document<'a> {
     best: Option<usize>,
     n_eff: f64,
     loglik: Vec<Option<f64>>,
+    nis_mean: Vec<Option<f64>>,
+    nis_band: Vec<Option<f64>>,
     states: &'a [String],
     x_hat: &'a [f64],
     failed: &'a [bool],
@@ -344,6 +345,7 @@ fn print_json(
     out: &mut dyn Write,
     estimator: &Estimator,
     e: &Estimate,
+    seen: &Seen,
     rows: &[Row],
 ) -> io::Result<()> {
     let finite = |list: &[f64]| list.iter().map(|v| v.is_finite().then_some(*v)).collect();
@@ -362,6 +364,8 @@ fn print_json(
         best: e.best,
         n_eff: e.n_eff,
         loglik: finite(&e.log_lik_models),
+        nis_mean: finite(&seen.nis_mean()),
+        nis_band: finite(&seen.nis_band()),
         states: &estimator.names.states,
         x_hat: &e.x_hat,
         failed: &e.failed,
@@ -375,6 +379,7 @@ fn print_text(
     out: &mut dyn Write,
     estimator: &Estimator,
     e: &Estimate,
+    seen: &Seen,
     rows: &[Row],
 ) -> io::Result<()> {
     writeln!(
@@ -396,12 +401,14 @@ fn print_text(
             theta.join("  ")
         )?;
     }
+    let nis = seen.nis_mean();
     let lines = (0..e.p.len()).map(|i| {
         [
             estimator.labels[i].clone(),
             format!("{:.6}", e.p[i]),
             significant(e.log_p[i], 6),
             significant(e.log_lik_models[i], 8),
+            nis.get(i).map_or(String::new(), |nis| significant(*nis, 5)),
             if e.failed[i] {
                 "failed".into()
             } else if e.best == Some(i) {
@@ -411,7 +418,11 @@ fn print_text(
             },
         ]
     });
-    out.write_all(layout::grid(&["model", "p", "ln p", "ln likelihood", ""], lines).as_bytes())?;
+    let head = ["model", "p", "ln p", "ln likelihood", "mean NIS", ""];
+    out.write_all(layout::grid(&head, lines).as_bytes())?;
+    let [low, high] = seen.nis_band();
+    let band = format!("{} to {}", significant(low, 4), significant(high, 4));
+    writeln!(out, "95 % band of the mean NIS where the model is right: {band}")?;
     for (name, value) in estimator.parameters.iter().zip(estimator.theta_hat(&e.p)) {
         writeln!(out, "{name} = {} (mean over the weights)", significant(value, 6))?;
     }

@@ -20,8 +20,8 @@ pub(super) const FILES: [&str; 5] =
 
 /// Times that a picture wants at least.
 const POINTS: u64 = 100;
-/// Most steps of a trial that is drawn in full.
-const LONG: u64 = 20_000;
+/// Bytes that the reports of a trial may take that is drawn in full.
+const LARGE: u64 = 1 << 28;
 /// States whose errors are drawn.
 const STATES: usize = 6;
 
@@ -184,12 +184,14 @@ impl Results<'_> {
     /// The first trial, measured and judged step by step.
     fn trial(&self, control: &RunControl<'_>) -> Result<Stack, Failure> {
         let simulation = self.simulation;
-        let whole = simulation.steps <= LONG;
-        let every = if whole { 1 } else { simulation.steps.div_ceil(LONG) };
+        let estimator = &simulation.estimator;
+        // sums of weights, consistency and errors in lanes, see the tally of trials
+        let each = 72 * (10 * estimator.labels.len() + 4 * estimator.names.states.len() + 8);
+        let every = (simulation.steps.saturating_mul(each as u64)).div_ceil(LARGE);
+        let whole = every == 1;
         let one = MonteCarlo { trials: 1, every, ..simulation.experiment(vec![0]) };
         let summary = one.run(control).map_err(|e| Failure::from(self.scenario.explain(e)))?;
         let mut course = Course::default();
-        let estimator = &simulation.estimator;
         // residuals come from the engine on the measurements of the trial
         let judged = whole && simulation.measurement == Measurement::Sampled;
         let mut engine: Option<Mmae> = if judged { estimator.start().ok() } else { None };

@@ -1,6 +1,6 @@
 //! Panels of curves, bands and dots below each other.
 
-use svg::node::element::{Circle, Group, SVG};
+use svg::node::element::{Group, Path, SVG};
 
 use super::canvas::{self, Area, LABEL, NOTE, TITLE, WIDTH};
 use super::palette::{Color, GREY, INK};
@@ -16,6 +16,7 @@ pub(super) const WIDE: f64 = 0.16;
 pub(super) const NARROW: f64 = 0.26;
 /// Share of the edge of a band that may lie outside of a panel, at either end.
 const RARE: f64 = 0.05;
+/// Of a dot.
 const RADIUS: f64 = 2.0;
 
 /// Draws the panels over one time axis.
@@ -72,9 +73,7 @@ fn key(run: &Stack, left: f64, top: f64, right: f64) -> (Group, f64) {
             Layer::Estimate(_) => {
                 group.add(canvas::line(x, middle, x + 26.0, middle, Color::of(0), 2.2))
             }
-            Layer::Dots(_) => [5.0, 13.0, 21.0]
-                .into_iter()
-                .fold(group, |group, at| group.add(dot(x + at, middle))),
+            Layer::Dots(_) => group.add(dots(&[5.0, 13.0, 21.0].map(|at| (x + at, middle)))),
             Layer::Level(_) => {
                 let line = canvas::line(x, middle, x + 26.0, middle, GREY, 1.4);
                 group.add(line.set("stroke-dasharray", "5 4"))
@@ -90,9 +89,22 @@ fn swatch(area: Area, opacity: f64) -> svg::node::element::Rectangle {
     area.rectangle().set("fill", Color::of(0)).set("fill-opacity", opacity)
 }
 
-fn dot(x: f64, y: f64) -> Circle {
-    let circle = Circle::new().set("cx", canvas::px(x)).set("cy", canvas::px(y));
-    circle.set("r", RADIUS).set("fill", INK).set("fill-opacity", 0.55)
+/// Dots, smaller where there are many, as points of one path.
+fn dots(points: &[(f64, f64)]) -> Path {
+    let mut d = String::new();
+    let finite = points.iter().filter(|p| p.0.is_finite() && p.1.is_finite());
+    for (x, y) in finite {
+        d.push_str(&format!("M{} {}h0.01", canvas::px(*x), canvas::px(*y)));
+    }
+    let radius =
+        (RADIUS * (600.0 / points.len().max(1) as f64).sqrt()).clamp(0.45 * RADIUS, RADIUS);
+    Path::new()
+        .set("d", d)
+        .set("fill", "none")
+        .set("stroke", INK)
+        .set("stroke-opacity", 0.55)
+        .set("stroke-width", canvas::px(2.0 * radius))
+        .set("stroke-linecap", "round")
 }
 
 /// Range of the numbers of a panel, with some room. Around dots a band that is
@@ -152,10 +164,7 @@ fn draw_panel(
             Layer::Narrow(a, b) => marks.add(band(&points(a), &points(b), Color::of(0), NARROW)),
             Layer::Truth(v) => curve(marks, &points(v), GREY, 3.0),
             Layer::Estimate(v) => curve(marks, &points(v), Color::of(0), 1.8),
-            Layer::Dots(v) => points(v)
-                .into_iter()
-                .filter(|(x, y)| x.is_finite() && y.is_finite())
-                .fold(marks, |marks, (x, y)| marks.add(dot(x, y))),
+            Layer::Dots(v) => marks.add(dots(&points(v))),
             Layer::Level(v) => {
                 let line = canvas::line(area.x, y.at(*v), area.right(), y.at(*v), GREY, 1.2);
                 marks.add(line.set("stroke-dasharray", "5 4"))

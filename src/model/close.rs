@@ -207,6 +207,14 @@ pub(crate) fn add_product(
     }
 }
 
+/// `A B` by plain loops, see [`add_product`]; the general product also wakes the
+/// thread pool.
+pub(crate) fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut out = Mat::zeros(a.nrows(), b.ncols());
+    add_product(&mut out, 0, 0, a, b);
+    out
+}
+
 /// Writes `from` at `(row, col)` of `into`.
 pub(crate) fn put(into: &mut Mat<f64>, row: usize, col: usize, from: MatRef<'_, f64>) {
     for j in 0..from.ncols() {

@@ -3,6 +3,7 @@
 use faer::{Mat, MatRef};
 
 use crate::error::{Error, Result};
+use crate::model::close::{add_product, product};
 use crate::model::{Controller, Plant, Shaping, Time};
 use crate::small::{Dyn, expm, expm_work};
 
@@ -243,13 +244,16 @@ pub fn van_loan(
     let mut step = Sampled {
         A: held.submatrix(0, 0, n, n).to_owned(),
         B: held.submatrix(0, n, n, nu).to_owned(),
-        Q: noise.submatrix(n, n, n, n).transpose() * noise.submatrix(0, n, n, n),
+        Q: product(noise.submatrix(n, n, n, n).transpose(), noise.submatrix(0, n, n, n)),
     };
     // doublings is a whole number of at most 60
     for _ in 0..doublings as u32 {
-        step.Q = &step.Q + &step.A * &step.Q * step.A.transpose();
-        step.B = &step.B + &step.A * &step.B;
-        step.A = &step.A * &step.A;
+        let a = step.A.as_ref();
+        let moved = product(a, step.Q.as_ref());
+        add_product(&mut step.Q, 0, 0, moved.as_ref(), a.transpose());
+        let moved = product(a, step.B.as_ref());
+        step.B += moved;
+        step.A = product(a, a);
     }
     step.Q = Mat::from_fn(n, n, |i, j| 0.5 * (step.Q[(i, j)] + step.Q[(j, i)]));
     Ok(step)
@@ -281,7 +285,8 @@ pub(crate) fn sample_taps(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, 
         });
     }
     let nx = plant.nx();
-    let w = &plant.G * &plant.Q * plant.G.transpose();
+    let w = product(plant.G.as_ref(), plant.Q.as_ref());
+    let w = product(w.as_ref(), plant.G.transpose());
     let whole = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), dt)?;
     let sampled = Plant {
         time: Time::Discrete { dt },
@@ -312,7 +317,7 @@ pub(crate) fn sample_taps(plant: &Plant, dt: f64, delay: f64) -> Result<(Plant, 
     } else {
         let early = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), dt - rest)?;
         let late = van_loan(plant.A.as_ref(), plant.B.as_ref(), w.as_ref(), rest)?;
-        let b1 = &early.A * &late.B;
+        let b1 = product(early.A.as_ref(), late.B.as_ref());
         Taps { steps, B0: early.B, B1: Some(b1) }
     };
     Ok((sampled, taps))
@@ -338,7 +343,8 @@ impl Shaping {
     /// `InvalidDt`.
     pub fn sample(&self, dt: f64) -> Result<Shaping> {
         let nf = self.nf();
-        let w = &self.B * &self.Q * self.B.transpose();
+        let w = product(self.B.as_ref(), self.Q.as_ref());
+        let w = product(w.as_ref(), self.B.transpose());
         let s = van_loan(self.A.as_ref(), Mat::zeros(nf, 0).as_ref(), w.as_ref(), dt)?;
         Ok(Shaping {
             A: s.A,

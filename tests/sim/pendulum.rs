@@ -131,4 +131,19 @@ fn the_record_tells_of_the_largest_weight_and_the_cell() {
     }
     // one plant a step of the ramps, one a hold
     assert_eq!(ramps.truth.phases.len(), 3 * 5000 + 4);
+    for (from, plant) in ramps.truth.phases.iter().step_by(997) {
+        let length = ramps.theta(*from)[0];
+        assert!((plant.A[(3, 0)] - 0.15 / length).abs() < 1e-15, "step {from}");
+    }
+}
+
+/// A ramp of more plants than fit in memory is refused before any is made.
+#[test]
+fn a_ramp_of_too_many_plants_is_refused() {
+    let file = format!("{}/examples/pendulum_ramps.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(file).unwrap();
+    let long = text.replace("duration = 35", "duration = 1e6").replace("[30, 1.8  ]", "[1e5, 1.8]");
+    let long = long.replace(", [35, 1.8  ]", "");
+    let error = Scenario::parse("long.toml", &long).unwrap().simulation(&[]).unwrap_err();
+    assert!(error.to_string().contains("phases needs"), "{error}");
 }

@@ -11,11 +11,15 @@ use crate::report::timeline::{Layer, Panel, Stack};
 /// Height of a panel when there are few and when there are many.
 const TALL: f64 = 190.0;
 const LOW: f64 = 120.0;
+/// Room between two numbers of a vertical axis.
+const TICKS: f64 = 28.0;
 /// Opacity of the bands.
 pub(super) const WIDE: f64 = 0.16;
 pub(super) const NARROW: f64 = 0.26;
 /// Share of the edge of a band that may lie outside of a panel, at either end.
 const RARE: f64 = 0.05;
+/// Most dots of a panel.
+const MANY: usize = 2000;
 /// Of a dot.
 const RADIUS: f64 = 2.0;
 
@@ -25,7 +29,7 @@ pub(super) fn draw(run: &Stack) -> SVG {
     let ranges: Vec<(f64, f64)> = run.panels.iter().map(range).collect();
     let numbers = ranges
         .iter()
-        .map(|r| canvas::y_axis_width(&Scale::new(r.0, r.1, false, height, 0.0), 36.0))
+        .map(|r| canvas::y_axis_width(&Scale::new(r.0, r.1, false, height, 0.0), TICKS))
         .fold(52.0, f64::max);
     let (left, right) = (36.0 + numbers, WIDTH - 24.0);
     let room = right - left;
@@ -149,7 +153,7 @@ fn draw_panel(
     let y = Scale::new(low, high, false, area.bottom(), area.y);
     let mut group = Group::new()
         .add(canvas::x_axis(area, x, numbers, true))
-        .add(canvas::y_axis(area, &y, 36.0, true));
+        .add(canvas::y_axis(area, &y, TICKS, true));
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         let points: Vec<(f64, f64)> =
             run.t.iter().zip(values).map(|(t, v)| (x.at(*t), y.at(*v))).collect();
@@ -164,15 +168,23 @@ fn draw_panel(
             Layer::Narrow(a, b) => marks.add(band(&points(a), &points(b), Color::of(0), NARROW)),
             Layer::Truth(v) => curve(marks, &points(v), GREY, 3.0),
             Layer::Estimate(v) => curve(marks, &points(v), Color::of(0), 1.8),
-            Layer::Dots(v) => marks.add(dots(&points(v))),
+            Layer::Dots(v) => {
+                // every so many: the extremes alone would tell of more than there is
+                let stride = v.len().div_ceil(MANY).max(1);
+                let pairs = run.t.iter().zip(v).step_by(stride);
+                let points: Vec<(f64, f64)> = pairs.map(|(t, v)| (x.at(*t), y.at(*v))).collect();
+                marks.add(dots(&points))
+            }
             Layer::Level(v) => {
                 let line = canvas::line(area.x, y.at(*v), area.right(), y.at(*v), GREY, 1.2);
                 marks.add(line.set("stroke-dasharray", "5 4"))
             }
         };
     }
-    let name = canvas::fitted(&panel.name, LABEL, area.h + 10.0);
-    group.add(marks).add(area.frame()).add(canvas::y_label(24.0, area, &name))
+    let size = if canvas::width(&panel.name, LABEL) > area.h { NOTE } else { LABEL };
+    let name = canvas::fitted(&panel.name, size, area.h + 12.0);
+    let label = canvas::y_label(24.0, area, &name).set("font-size", size);
+    group.add(marks).add(area.frame()).add(label)
 }
 
 fn curve(group: Group, points: &[(f64, f64)], color: Color, thickness: f64) -> Group {

@@ -1,4 +1,8 @@
 //! Eight trials at once: truth, bank and weights in lanes.
+//!
+//! Bayes's law without modifiers only adds up log-likelihoods: it is normalised
+//! every [`LAZY`] steps and for reports, which saves an exponential a model and
+//! step. What is reported of a step does not depend on the other reports.
 
 use super::consistency::Spreads;
 use super::filters::Step;
@@ -11,6 +15,9 @@ use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Kernel, groups};
 use crate::weight::{Evidence, Law, Weights};
+
+/// Steps between two normalisations of weights that only add up.
+const LAZY: u64 = 16;
 
 /// Which norm the residuals of the law are judged by.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,29 +188,48 @@ impl Eight<'_, '_> {
             plan.transition.clone(),
             &plan.prior,
         )?;
+        let lazy = plan.only_adds();
+        // What `weights` has not taken in yet; the weights with it.
+        let mut waiting = vec![T::zero(); models];
+        let mut shown = weights.clone();
         let mut y = vec![T::zero(); q];
         let mut recorder = Recorder::new(plan, self.first, self.valid, group);
         for k in 1..=plan.steps {
             walk.step(&mut y);
             let moves = k > 1 || plan.moves_first || plan.hold.is_some();
-            if moves {
+            if moves && !lazy {
                 weights.predict();
             }
             filters.step(k, moves, &walk.u, &y);
-            let _ = weights.step(&Evidence {
-                log_lik: &filters.log_lik,
-                increment: &filters.log_lik,
-                energy: &filters.energy,
-                dt: plan.hold.unwrap_or(1.0),
-                nodes: None,
-            });
+            let dt = plan.hold.unwrap_or(1.0);
+            let folds = !lazy || k.is_multiple_of(LAZY);
+            let reports = plan.reports(k);
+            if lazy {
+                for i in 0..models {
+                    waiting[i] = waiting[i] + filters.log_lik[i];
+                }
+                if reports && !folds {
+                    shown.log_p_mut().copy_from_slice(weights.log_p());
+                    let _ = shown.step(&evidence(&waiting, &filters.energy, dt));
+                }
+            }
+            if folds {
+                let log_lik = if lazy { &waiting } else { &filters.log_lik };
+                let _ = weights.step(&evidence(log_lik, &filters.energy, dt));
+                if lazy {
+                    waiting.fill(T::zero());
+                }
+            }
+            if !reports {
+                continue;
+            }
             let seen = Seen {
                 x: &walk.x,
                 y: &y,
                 u: &walk.u,
                 x_hat: &filters.x,
                 nis: &filters.nis,
-                log_p: weights.log_p(),
+                log_p: if folds { weights.log_p() } else { shown.log_p() },
                 spread: self.spreads.at(self.coefficients.place(k)),
             };
             recorder.step(k, &seen, self.tally);
@@ -211,4 +237,10 @@ impl Eight<'_, '_> {
         recorder.finish(self.kept);
         Ok(())
     }
+}
+
+/// What a step of length `dt` says in lanes.
+#[inline(always)]
+fn evidence<'a, T>(log_lik: &'a [T], energy: &'a [T], dt: f64) -> Evidence<'a, T> {
+    Evidence { log_lik, increment: log_lik, energy, dt, nodes: None }
 }

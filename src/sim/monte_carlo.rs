@@ -133,6 +133,14 @@ impl Plan {
         k == self.steps || (self.every > 0 && k.is_multiple_of(self.every))
     }
 
+    /// True if a step only adds to the logarithms of the weights.
+    pub(super) fn only_adds(&self) -> bool {
+        self.law == Law::Bayes
+            && self.hold.is_none()
+            && self.transition.is_none()
+            && self.modifiers == Modifiers::default()
+    }
+
     /// True if the course of the trial is wanted.
     pub(super) fn keeps(&self, trial: u64) -> bool {
         self.keep.binary_search(&trial).is_ok()

@@ -26,4 +26,7 @@ fn a_quick_run_has_every_kernel() {
         let share = kernel["share_of_peak"].as_f64().unwrap();
         assert!(share > 0.0 && share < 1.5, "{name}: {share}");
     }
+    for latency in got["latency"].as_array().unwrap() {
+        assert!(latency["median_us"].as_f64().unwrap() <= latency["p999_us"].as_f64().unwrap());
+    }
 }

@@ -1,5 +1,6 @@
 //! `mmae bench`: how fast this version is on this machine.
 
+mod latency;
 mod peak;
 mod work;
 
@@ -16,10 +17,13 @@ use super::signals::Signals;
 use crate::par::RunControl;
 use crate::real::Tier;
 use crate::report::{layout, significant};
+use latency::Latency;
 use peak::{Memory, fma_gflops};
 
 /// Seconds of a kernel in a round.
 const SLICE: f64 = 0.3;
+/// Seconds of the measurements of latency, a round and number of models.
+const LATENCY: f64 = 0.1;
 /// Rounds of a full and of a quick run.
 const ROUNDS: [usize; 2] = [20, 4];
 
@@ -43,6 +47,7 @@ struct Document {
     read_gbytes: f64,
     rounds: usize,
     kernels: Vec<Timed>,
+    latency: Vec<Latency>,
 }
 
 pub(super) fn run(args: &BenchArguments, signals: &Signals) -> Result<(), Failure> {
@@ -82,6 +87,7 @@ pub(super) fn run(args: &BenchArguments, signals: &Signals) -> Result<(), Failur
         progress.update(round as u64 + 1, rounds as u64);
     }
     progress.finish();
+    let latency = latency::measure(LATENCY * rounds as f64).map_err(numerical)?;
     let kernels = works.iter().zip(&best).map(|(work, &(rate, flops))| Timed {
         name: work.name,
         rate,
@@ -97,6 +103,7 @@ pub(super) fn run(args: &BenchArguments, signals: &Signals) -> Result<(), Failur
         read_gbytes: read,
         rounds,
         kernels: kernels.collect(),
+        latency,
     };
     output::print(Some(signals), |out| {
         if args.json {
@@ -126,5 +133,12 @@ fn text(out: &mut dyn Write, document: &Document) -> io::Result<()> {
             format!("{:.1} %", 100.0 * k.share_of_peak),
         ]
     });
-    out.write_all(layout::grid(&["kernel", "rate", "", "share of peak"], rows).as_bytes())
+    out.write_all(layout::grid(&["kernel", "rate", "", "share of peak"], rows).as_bytes())?;
+    writeln!(out, "\nOne measurement in real time, Kalman filters of four states:\n")?;
+    let rows = document
+        .latency
+        .iter()
+        .map(|l| [l.models.to_string(), significant(l.median_us, 3), significant(l.p999_us, 3)]);
+    let head = ["models", "median, us", "99.9 % within, us"];
+    out.write_all(layout::grid(&head, rows).as_bytes())
 }

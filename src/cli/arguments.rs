@@ -26,6 +26,8 @@ pub(super) struct Arguments {
 pub(super) enum Command {
     /// Compute the EIP sets of a scenario: which model each plant is identified as
     Eip(EipArguments),
+    /// Place nominal values whose EIP sets are the cells wanted
+    Place(PlaceArguments),
     /// Validate a scenario, print its sizes and a cost estimate
     Check(CheckArguments),
     /// Write a commented scenario to start from
@@ -180,6 +182,42 @@ pub(super) enum LawName {
     DunnOde,
     /// The dynamic weighting signal generator; lambda is the scenario's, or 1/dt
     Dwsg,
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+#[command(group = clap::ArgGroup::new("wanted").multiple(false))]
+pub(super) struct PlaceArguments {
+    /// The scenario, with [bank] and [eip] in one parameter
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// So many cells of equal width; the number of models by default
+    #[arg(long, value_name = "N", group = "wanted", value_parser = clap::value_parser!(u16).range(1..))]
+    pub(super) cells: Option<u16>,
+    /// Inner edges of the cells, or all with the ends of the grid
+    #[arg(
+        long,
+        value_name = "A,B,..",
+        group = "wanted",
+        value_delimiter = ',',
+        allow_negative_numbers = true
+    )]
+    pub(super) edges: Vec<f64>,
+    /// As few cells of equal width as keep the excess within this bound
+    #[arg(long, value_name = "E", group = "wanted", allow_negative_numbers = true)]
+    pub(super) excess: Option<f64>,
+    /// The first nominal value; the one of smallest worst excess by default
+    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    pub(super) anchor: Option<f64>,
+    /// Print JSON in place of the table
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Also write the scenario with the new nominal values there
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
+    /// Replace FILE
+    #[arg(long)]
+    pub(super) force: bool,
 }
 
 #[derive(Debug, Args)]

@@ -1,4 +1,4 @@
-//! The command `mmae`: `eip`, `check`, `estimate`, `new`, `run`, `solve` and `bench`.
+//! The command `mmae`: `eip`, `place`, `check`, `estimate`, `new`, `run`, `solve` and `bench`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
@@ -15,6 +15,7 @@ mod estimate;
 mod failure;
 mod new;
 mod output;
+mod place;
 mod progress;
 mod run;
 mod signals;
@@ -40,6 +41,7 @@ pub fn main() -> ExitCode {
     let signals = signals::Signals::install();
     let done = match &arguments.command {
         Command::Eip(args) => eip::run(args, &signals),
+        Command::Place(args) => place::run(args, &signals),
         Command::Check(args) => check::run(args),
         Command::New(args) => new::run(args),
         Command::Estimate(args) => estimate::run(args, &signals),

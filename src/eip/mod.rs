@@ -9,6 +9,7 @@ mod doubling;
 mod engine;
 mod frequency;
 mod modal;
+mod place;
 mod quadrature;
 mod refine;
 mod result;
@@ -19,6 +20,7 @@ mod setup;
 mod study;
 
 pub use crate::observer::ModelSet as Bank;
+pub use place::{Cells, Placement};
 pub use result::{
     Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Model, Undecidable,
     Undecided, Unstable,

@@ -30,6 +30,7 @@ mod parameters;
 mod places;
 mod plant;
 mod reader;
+mod rewrite;
 mod run;
 mod settings;
 mod signals;
@@ -52,6 +53,7 @@ use toml::de::DeTable;
 pub use diagnostic::{Diagnostic, Error};
 pub use estimator::Estimator;
 pub use family::ExpressionFamily;
+pub use rewrite::with_models;
 pub use simulation::Simulation;
 pub use template::{Template, template};
 

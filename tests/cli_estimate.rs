@@ -315,3 +315,24 @@ fn every_law_can_be_named() {
         assert!((numbers(&got["p"]).iter().sum::<f64>() - 1.0).abs() < 1e-12, "{law}");
     }
 }
+
+#[test]
+fn columns_are_not_guessed() {
+    let scenario = file("guess.toml", WALK);
+    for (name, header, words) in [
+        ("twice.csv", "y,y", "stands twice"),
+        ("times.csv", "t,time,y", "two columns of times"),
+        ("none.csv", "\n", "no header"),
+    ] {
+        let fields = vec!["0.5"; header.split(',').count()].join(",");
+        let data = file(name, &format!("{header}\n{fields}\n"));
+        let out = estimate(&[&scenario, "--data", &data]);
+        assert_eq!(out.status.code(), Some(3), "{}", text(&out.stderr));
+        assert!(text(&out.stderr).contains(words), "{}", text(&out.stderr));
+    }
+    let path = file("gap.csv", "t,y\n0.5,1\n9000000.5,2\n");
+    let held = WALK.replace("observer = \"kalman\"\n", "").replace("P0 = 1\n", "");
+    let out = estimate(&[&file("gap.toml", &held), "--data", &path]);
+    assert_eq!(out.status.code(), Some(3));
+    assert!(text(&out.stderr).contains("a gap of 9000000 s"), "{}", text(&out.stderr));
+}

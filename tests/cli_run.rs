@@ -12,6 +12,16 @@ fn run(args: &[&str]) -> Output {
     command.arg("run").args(args).stdin(Stdio::null()).output().unwrap()
 }
 
+fn mmae(args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_mmae")).args(args).stdin(Stdio::null()).output().unwrap()
+}
+
+fn file(name: &str, text: &str) -> String {
+    let path = folder(name);
+    fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
 fn text(bytes: &[u8]) -> &str {
     std::str::from_utf8(bytes).unwrap()
 }
@@ -174,4 +184,63 @@ fn mistakes_and_results() {
     assert_eq!(run(&[&file, "--trials", "20", "--out", &dir]).status.code(), Some(6));
     let pendulum = run(&[&example("pendulum")]);
     assert_eq!(pendulum.status.code(), Some(3));
+}
+
+const WALK: &str = "format = 1\n[plant]\ntime = \"discrete\"\ndt = 1\nstates = [\"x\"]\n\
+    disturbances = [\"w\"]\noutputs = [\"y\"]\nA = \"a\"\nG = 1\nC = 1\nQ = 1\nR = 1\n\
+    [plant.parameters]\na = 0.9\n[bank]\nmodels = { a = [0.5, 0.9] }\n";
+
+/// A known noise is there when the measurement is taken.
+#[test]
+fn known_noise_comes_with_its_measurement() {
+    for (start, jump) in [("step-before", 5), ("first-measurement", 6)] {
+        let text = format!(
+            "{WALK}start = \"{start}\"\n[signals.disturbances]\nw = 0\n[signals.noise]\n\
+             y = {{ wave = \"table\", t = [0, 5], value = [0, 100] }}\n[run]\nsteps = 8\nevery = 1\n"
+        );
+        let out = run(&[&file("noise.toml", &text), "--json"]);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let got: Value = serde_json::from_slice(&out.stdout).unwrap();
+        for row in got["record"].as_array().unwrap() {
+            let (k, nis) = (row["k"].as_u64().unwrap(), row["nis"][0].as_f64().unwrap());
+            assert_eq!(nis > 1.0, k >= jump, "{start}, step {k}: {nis}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_run_does_not_pass_the_check() {
+    let refuse = |name: &str, text: &str, code: i32, key: &str, words: &str| {
+        let path = file(name, text);
+        for command in ["run", "check"] {
+            let out = mmae(&[command, &path]);
+            let said = String::from_utf8_lossy(&out.stderr).into_owned();
+            assert_eq!(out.status.code(), Some(code), "{command}: {said}");
+            assert!(said.contains(key) && said.contains(words), "{command}: {said}");
+        }
+    };
+    let short = format!("{WALK}[run]\nduration = 0.1\n");
+    refuse("short.toml", &short, 3, "run.duration", "0 steps");
+    let unsampled = format!("{WALK}[run]\nsteps = 5\nmeasurement = \"continuous\"\n");
+    refuse("unsampled.toml", &unsampled, 3, " run", "sampled measurement");
+    // more jumps than can be prepared: told at once
+    let example = format!("{}/examples/oscillator.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(example).unwrap();
+    for period in ["1e-300", "1e-9"] {
+        let text = text.replace("period = 10 }", &format!("period = {period} }}"));
+        refuse("jumps.toml", &text, 7, "run", "switches");
+    }
+}
+
+#[test]
+fn a_bank_that_has_run_away_identifies_nothing() {
+    let text = WALK
+        .replace("A = \"a\"", "A = \"4*a\"")
+        .replace("a = 0.9\n[bank]", "a = 0.1\n[bank]")
+        .replace("[0.5, 0.9]", "[0.1, 0.2]");
+    let text = format!("{text}[truth]\nparameters = {{ a = 1000 }}\n[run]\nsteps = 200\n");
+    let out = run(&[&file("away.toml", &text)]);
+    let said = String::from_utf8_lossy(&out.stderr).into_owned();
+    assert_eq!(out.status.code(), Some(4), "{said}");
+    assert!(said.contains("run away"), "{said}");
 }

@@ -105,7 +105,7 @@ pub(super) struct EstimateArguments {
     /// Also report every K-th step
     #[arg(long, value_name = "K", default_value_t = 0)]
     pub(super) every: u64,
-    /// Also write estimate.json, weights.svg and manifest.json there
+    /// Also write estimate.json, weights.svg, record.svg and manifest.json there
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Replace an earlier result in DIR
@@ -125,7 +125,7 @@ pub(super) struct RunArguments {
     /// The scenario, with [bank], [run] and perhaps [weighting] and [truth]
     #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
-    /// Also write run.json and manifest.json there
+    /// Also write run.json, weights.svg, errors.svg, trial.svg and manifest.json there
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print JSON in place of the tables

@@ -8,6 +8,7 @@ use super::output;
 use crate::bank::GainMode;
 use crate::eip::{Cost, Study};
 use crate::model::Time;
+use crate::par::RunControl;
 use crate::report::{json, plain, significant, summary, text};
 use crate::scenario::{self, Diagnostic, Estimator, Scenario};
 
@@ -26,7 +27,10 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
     let result = checked.and_then(|scenario| {
         if !scenario.has_study() {
             let bank = scenario.estimator()?;
-            bank.start().map_err(|e| scenario.explain(e))?;
+            bank.start().map_err(|e| scenario.explain_run(e))?;
+            if scenario.has_run() {
+                simulates(&scenario)?;
+            }
             if args.json {
                 let report = Report::of_bank(&name, &bank, scenario.warnings());
                 return Ok(output::print(None, |out| print_json(out, &report)));
@@ -36,6 +40,9 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
         }
         let study = scenario.study()?;
         let cost = study.cost().map_err(|e| scenario.explain(e))?;
+        if scenario.has_run() {
+            simulates(&scenario)?;
+        }
         if args.json {
             let warnings = scenario.warnings();
             let report = Report::new(&name, &study, &cost, warnings);
@@ -54,6 +61,12 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
             Err(e.into())
         }
     }
+}
+
+/// Sees that `mmae run` could begin.
+fn simulates(scenario: &Scenario) -> Result<(), scenario::Error> {
+    let experiment = scenario.simulation(&[])?.experiment(Vec::new());
+    experiment.check(&RunControl::default()).map_err(|e| scenario.explain_run(e))
 }
 
 fn print_text(

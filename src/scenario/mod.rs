@@ -209,6 +209,11 @@ impl Scenario {
         }])
     }
 
+    /// True if the file describes trials of a bank, with `[run]`.
+    pub fn has_run(&self) -> bool {
+        self.run.is_some()
+    }
+
     /// True if the file describes a study of plants, with `[eip]`.
     pub fn has_study(&self) -> bool {
         self.settings.is_some()
@@ -217,7 +222,13 @@ impl Scenario {
     /// An error of the engine together with the key that is responsible, for
     /// errors of the study that this scenario describes.
     pub fn explain(&self, error: crate::Error) -> Error {
-        self.places.explain(error)
+        self.places.explain(error, "eip")
+    }
+
+    /// The same for errors of a bank that runs, on trials or on recorded data.
+    pub fn explain_run(&self, error: crate::Error) -> Error {
+        let table = ["run", "bank"].into_iter().find(|t| self.places.keys.contains_key(*t));
+        self.places.explain(error, table.unwrap_or("bank"))
     }
 }
 

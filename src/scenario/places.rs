@@ -21,14 +21,19 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// `error` with the key that is responsible for it.
-    pub(super) fn explain(&self, error: crate::Error) -> Error {
+    /// `error` with the key that is responsible for it; that of no other key is a
+    /// fault of the table `table`.
+    pub(super) fn explain(&self, error: crate::Error, table: &str) -> Error {
         let mut key = responsible(&error);
+        if table != "eip" {
+            key = match key.as_str() {
+                "eip" | "eip.memory_limit" => table.into(),
+                "plant.dt" if !self.keys.contains_key("plant.dt") => "bank.dt".into(),
+                _ => key,
+            };
+        }
         if key == "eip.delays" && !self.keys.contains_key("eip.delays") {
             key = "actuator.delay".into();
-        }
-        if key == "eip.memory_limit" && !self.keys.contains_key("eip") {
-            key = "run".into();
         }
         let mut place = None;
         if let Some((letter, row, col)) = entry(&error)

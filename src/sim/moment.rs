@@ -55,7 +55,8 @@ pub struct Moment {
     /// each parameter estimate `sum p_i theta_i`, of the error of each state and of
     /// its Euclidean norm. Exact for up to 1024 trials; for more right to a
     /// sixteenth of their value, of the smaller of `p` and `1 - p` for a weight, and
-    /// to 1/4096 of the range of the values for a parameter.
+    /// to 1/4096 of the range of the values for a parameter; they are then those of the
+    /// value at the rank or below it, without interpolation between two values.
     pub p_quantiles: Vec<[f64; 5]>,
     /// See above.
     pub theta_hat_quantiles: Vec<[f64; 5]>,
@@ -103,7 +104,7 @@ impl Summary {
     /// Means at the end.
     ///
     /// # Panics
-    /// Never for a summary that [`MonteCarlo::run`] returned.
+    /// Never for a summary that [`MonteCarlo::run`](super::MonteCarlo::run) returned.
     pub fn last(&self) -> &Moment {
         &self.record[self.record.len() - 1]
     }
@@ -123,7 +124,10 @@ pub(super) fn moment(
     let mean = |j: usize| -> Vec<f64> { list(j).iter().map(|s| s / count).collect() };
     let ratio =
         |j: usize, of: &[f64]| -> Vec<f64> { list(j).iter().zip(of).map(|(s, n)| s / n).collect() };
-    let std = |mean: &f64, square: &f64| (square - mean * mean).max(0.0).sqrt();
+    let std = |mean: &f64, square: &f64| {
+        // an error that has run away has no spread
+        if square.is_finite() { (square - mean * mean).max(0.0).sqrt() } else { f64::NAN }
+    };
     let p = mean(sum::P);
     let p_std = p.iter().zip(&mean(sum::P_SQUARED)).map(|(p, s)| std(p, s)).collect();
     let alive: Vec<f64> = list(sum::FAILED).iter().map(|failed| count - failed).collect();

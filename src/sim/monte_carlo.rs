@@ -194,6 +194,16 @@ impl MonteCarlo {
         }
     }
 
+    /// Does what needs no trial: whatever keeps an experiment from starting shows.
+    ///
+    /// # Errors
+    /// Those of [`MonteCarlo::run`] but for a record that does not fit in memory.
+    pub fn check(&self, control: &RunControl<'_>) -> Result<()> {
+        let engine = Mmae::new(&self.members, &self.settings, &self.weighting, &self.prior)?;
+        let plan = self.plan(&engine, control)?;
+        self.route(&engine, &plan).map(|_| ())
+    }
+
     /// Runs all trials.
     ///
     /// The result has the same bits for any number of threads; a trial is the

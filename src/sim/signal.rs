@@ -287,6 +287,19 @@ impl Signals {
         Ok(())
     }
 
+    /// Jumps of all of them within `duration` seconds, at most.
+    pub(super) fn switches(&self, duration: f64) -> f64 {
+        let optional = self.disturbances.iter().chain(&self.noise).flatten();
+        let terms = self.inputs.iter().chain(optional).flat_map(|signal| &signal.terms);
+        terms.fold(0.0, |sum, term| {
+            sum + match &term.wave {
+                Wave::Square { period, .. } => 2.0 * duration / period + 1.0,
+                Wave::Table { t, .. } => t.len() as f64,
+                Wave::Constant { .. } | Wave::Sine { .. } | Wave::White { .. } => 0.0,
+            }
+        })
+    }
+
     /// The first jump of any of them after `t`, if there is one.
     pub fn next_switch(&self, t: f64) -> Option<f64> {
         let optional = self.disturbances.iter().chain(&self.noise).flatten();

@@ -219,7 +219,9 @@ impl<'a> Tally<'a> {
         let mut top = T::splat(f64::NEG_INFINITY);
         let mut best = T::splat(-1.0);
         for i in 0..models {
-            let better = report.log_p[i].gt(top);
+            // a member that failed is nothing that a plant is identified as
+            let alive = report.alive[i].eq(report.alive[i]);
+            let better = report.log_p[i].gt(top) & alive;
             top = T::select(better, report.log_p[i], top);
             best = T::select(better, T::splat(i as f64), best);
         }

@@ -42,11 +42,11 @@ fn one_sylvester(
 /// ```
 ///
 /// The margin in the report is that of the less stable coefficient. Otherwise as
-/// [`lyapunov_continuous`]; not solvable where an eigenvalue of `A` and one of
+/// [`lyapunov_continuous`](crate::solve::lyapunov_continuous); not solvable where an eigenvalue of `A` and one of
 /// `B` add up to zero. Shapes and layout in [`Sylvester`].
 ///
 /// # Errors
-/// As [`lyapunov_continuous`].
+/// As [`lyapunov_continuous`](crate::solve::lyapunov_continuous).
 ///
 /// # Examples
 /// ```

@@ -37,7 +37,7 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
         estimator.weighting.law = law(name, &estimator);
     }
     let record = data::read(&args.data, &estimator.names)?;
-    let mut mmae = estimator.start().map_err(|e| scenario.explain(e))?;
+    let mut mmae = estimator.start().map_err(|e| scenario.explain_run(e))?;
     let pace = mmae.bank().pace();
     if pace > COARSE {
         say(
@@ -136,7 +136,7 @@ fn timeline(
         truth: None,
     };
     Timeline {
-        title: scenario.title().unwrap_or("Weights of the models").into(),
+        title: scenario.title().unwrap_or("Multiple-model estimation").into(),
         subtitle: format!(
             "{models} models, law {law}, {} samples{}",
             rows.len(),
@@ -242,6 +242,9 @@ fn numerical(k: usize, error: &crate::Error) -> Failure {
     Failure::Numerical(vec![format!("sample {}: {error}", k + 1)])
 }
 
+/// Longest gap in a record, in sampling intervals.
+const GAP: f64 = 1e6;
+
 /// Time since the sample before.
 enum Since {
     /// So many sampling intervals.
@@ -254,7 +257,7 @@ fn since(record: &Record, k: usize, dt: f64) -> Since {
     let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Since::Steps(1) };
     let seconds = t[k] - t[k - 1];
     let whole = (seconds / dt).round();
-    if (seconds / dt - whole).abs() > 1e-3 || !(1.0..=1e6).contains(&whole) {
+    if (seconds / dt - whole).abs() > 1e-3 || !(1.0..=GAP).contains(&whole) {
         return Since::Seconds(seconds);
     }
     Since::Steps(whole as u64)
@@ -298,7 +301,10 @@ impl Interval {
 }
 
 fn refuse(args: &EstimateArguments, k: usize, seconds: f64, dt: f64, bank: &Estimator) -> Error {
-    let remedy = if bank.continuous.is_some() {
+    let long = seconds / dt > GAP;
+    let remedy = if long {
+        "split the record there"
+    } else if bank.continuous.is_some() {
         "give bank.P0 or gains = \"recursive\": steady gains are those of one interval"
     } else if bank.members.observer.is_continuous() {
         "give the interval of the record as dt, or use observer = \"kalman\", which takes a \
@@ -311,7 +317,11 @@ fn refuse(args: &EstimateArguments, k: usize, seconds: f64, dt: f64, bank: &Esti
         line: k + 2,
         column: 1,
         key: "t".into(),
-        message: format!("{seconds} s after the sample before, not a multiple of dt = {dt} s"),
+        message: if long {
+            format!("a gap of {seconds} s, over the limit of {GAP} sampling intervals")
+        } else {
+            format!("{seconds} s after the sample before, not a multiple of dt = {dt} s")
+        },
         remedy: remedy.into(),
     }])
 }

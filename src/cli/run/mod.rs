@@ -50,10 +50,15 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
     progress.finish();
     let fine = result.map_err(|e| match e {
         Error::Cancelled => Failure::Cancelled,
-        e => scenario.explain(e).into(),
+        e => scenario.explain_run(e).into(),
     })?;
     // pictures have more points than were asked for
     let summary = save::thin(&fine, every);
+    if summary.last().failed.iter().all(|failed| *failed == 1.0) {
+        let what = "every member has run away in every trial";
+        let remedy = "stabilise the loop of the plant, or simulate fewer steps";
+        return Err(Failure::Numerical(vec![format!("{what}: {remedy}")]));
+    }
     warn(&simulation, &summary);
     if let Some(output) = output {
         let dir = output.dir().to_path_buf();

@@ -170,9 +170,13 @@ impl Results<'_> {
         Stack {
             title: self.title().into(),
             subtitle: format!(
-                "{}; errors of the fused state in {} trials",
+                "{}; errors of the fused state in {}",
                 self.bank(),
-                self.fine.trials
+                if self.fine.trials == 1 {
+                    "one trial".into()
+                } else {
+                    format!("{} trials", self.fine.trials)
+                }
             ),
             time: "time, s".into(),
             t: self.times(),
@@ -190,7 +194,7 @@ impl Results<'_> {
         let every = (simulation.steps.saturating_mul(each as u64)).div_ceil(LARGE);
         let whole = every == 1;
         let one = MonteCarlo { trials: 1, every, ..simulation.experiment(vec![0]) };
-        let summary = one.run(control).map_err(|e| Failure::from(self.scenario.explain(e)))?;
+        let summary = one.run(control).map_err(|e| Failure::from(self.scenario.explain_run(e)))?;
         let mut course = Course::default();
         // residuals come from the engine on the measurements of the trial
         let judged = whole && simulation.measurement == Measurement::Sampled;

@@ -14,8 +14,8 @@ use crate::sim::signal::{Signals, Term};
 use crate::sim::truth::{Truth, spread, start};
 use crate::small::{Dyn, expm, expm_work};
 
-/// Switches inside steps that are prepared in advance.
-const SWITCHES: usize = 1 << 20;
+/// Switches that are prepared in advance.
+const SWITCHES: f64 = 1e6;
 /// Share of a step within which a switch falls on its end.
 const EDGE: f64 = 1e-9;
 
@@ -291,7 +291,16 @@ impl Joint {
         observers: &[&Observer],
         duration: f64,
     ) -> Result<()> {
-        let (dt, mut t, mut count) = (self.dt, 0.0, 0);
+        let (dt, mut t) = (self.dt, 0.0);
+        let most = signals.switches(duration);
+        if most > SWITCHES {
+            return Err(Error::Limit {
+                what: "the switches of the signals".into(),
+                bytes: (most * 64.0) as u128,
+                limit: (SWITCHES * 64.0) as u128,
+                remedy: "give longer periods, or simulate fewer steps",
+            });
+        }
         // by phase and bits of the length
         let mut made: BTreeMap<(usize, u64), usize> = BTreeMap::new();
         let mut cuts: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
@@ -301,15 +310,6 @@ impl Joint {
             let into = next - step * dt;
             if into > EDGE * dt && into < (1.0 - EDGE) * dt {
                 cuts.entry(step as u64 + 1).or_default().push(next);
-                count += 1;
-                if count > SWITCHES {
-                    return Err(Error::Limit {
-                        what: "switches of the signals between two measurements".into(),
-                        bytes: count as u128 * 64,
-                        limit: SWITCHES as u128 * 64,
-                        remedy: "make the period a multiple of the step",
-                    });
-                }
             }
         }
         for (k, at) in cuts {

@@ -168,10 +168,15 @@ impl<'a, T: Real> Walk<'a, T> {
         }
     }
 
-    /// The start of the step.
+    /// The moment from which the plant moves.
     #[inline(always)]
     fn time(&self) -> f64 {
-        (self.k - 1) as f64 * self.source.known.dt
+        let before = match self.source.timing {
+            Timing::Hold | Timing::MoveFirst => 1,
+            // the first step does not move
+            Timing::MeasureAtStart => 2,
+        };
+        self.k.saturating_sub(before) as f64 * self.source.known.dt
     }
 
     /// Takes the command of the step among those on their way.
@@ -208,7 +213,11 @@ impl<'a, T: Real> Walk<'a, T> {
         add_product(phase.r, &self.z[disturbance..][..measurement], y);
         let known = &self.source.known;
         if !known.noise.is_empty() {
-            let t = self.time();
+            // when the measurement is taken, not when the step begins
+            let t = match self.source.timing {
+                Timing::MoveFirst => self.k as f64 * known.dt,
+                Timing::Hold | Timing::MeasureAtStart => (self.k - 1) as f64 * known.dt,
+            };
             for (j, signal) in &known.noise {
                 y[*j] = y[*j] + T::splat(signal.held(t, known.dt));
             }

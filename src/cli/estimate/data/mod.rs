@@ -84,6 +84,21 @@ struct Columns<'a> {
 impl<'a> Columns<'a> {
     fn new(header: Vec<String>, names: &Names, place: &'a Place) -> Result<Self, Error> {
         let find = |name: &str| header.iter().position(|h| h == name);
+        if header.iter().all(String::is_empty) {
+            return place.error((1, 1), "", "no header", "give a header of names");
+        }
+        if let Some(name) = names.inputs.iter().find(|name| names.outputs.contains(name)) {
+            let remedy = "give them names of their own in the scenario";
+            return place.error((1, 1), name, "both an input and an output", remedy);
+        }
+        let asked = names.outputs.iter().chain(&names.inputs).map(String::as_str);
+        for name in asked.chain(TIMES) {
+            let mut columns = (0..header.len()).filter(|&c| header[c] == name);
+            if let (Some(_), Some(second)) = (columns.next(), columns.next()) {
+                let remedy = "keep one column of this name";
+                return place.error((1, second + 1), name, "the name stands twice", remedy);
+            }
+        }
         let mut wanted = Vec::new();
         for name in names.outputs.iter().chain(&names.inputs) {
             match find(name) {
@@ -95,7 +110,13 @@ impl<'a> Columns<'a> {
             }
         }
         // an output may well be called t
-        let time = TIMES.iter().find_map(|name| find(name)).filter(|c| !wanted.contains(c));
+        let times: Vec<usize> =
+            TIMES.iter().filter_map(|name| find(name)).filter(|c| !wanted.contains(c)).collect();
+        if let [_, second, ..] = times[..] {
+            let (what, remedy) = ("two columns of times", "keep t or time");
+            return place.error((1, second + 1), &header[second], what, remedy);
+        }
+        let time = times.first().copied();
         let record = Record { t: time.map(|_| Vec::new()), y: vec![], u: vec![], len: 0 };
         Ok(Self { place, header, wanted, outputs: names.outputs.len(), time, record })
     }
@@ -121,7 +142,12 @@ impl<'a> Columns<'a> {
         }
         if let (Some(column), Some(t)) = (self.time, &mut self.record.t) {
             let value = field(column)?;
-            if value.is_nan() || t.last().is_some_and(|&last| value <= last) {
+            if value.is_nan() {
+                let name = &self.header[column];
+                let remedy = "give every row its time, or remove the column";
+                return self.place.error((line, column + 1), name, "the time is missing", remedy);
+            }
+            if t.last().is_some_and(|&last| value <= last) {
                 let name = &self.header[column];
                 let remedy = "give a time later than that of the row before";
                 return self.place.error((line, column + 1), name, "times must increase", remedy);

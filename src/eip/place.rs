@@ -111,19 +111,29 @@ impl Study {
             Cells::Count(count) => (equal(*count), None),
             Cells::Edges(edges) => (edges.clone(), None),
             Cells::Within(bound) => {
-                let mut found = None;
-                for count in 1..=MOST {
-                    let edges = equal(count);
-                    let first = placer.canonical(&edges, placer.feasible(&edges, None)?)?;
-                    let chain = placer.chain(&edges, first)?;
-                    let excess = chain.map(|c| placer.excess(&edges, &c)).transpose()?;
-                    if excess.is_some_and(|e| e.iter().all(|e| e <= bound)) {
-                        found = Some((edges, Some(first)));
-                        break;
-                    }
+                if !(*bound > 0.0 && bound.is_finite()) {
+                    let remedy = "give a number above zero";
+                    return Err(range("bound on the excess", *bound, remedy));
+                }
+                // more cells leave less: double, then halve the gap
+                let attempt = |count: usize| placer.within(&equal(count), *bound);
+                let (mut few, mut enough) = (0, 1);
+                let mut found = attempt(enough)?;
+                while found.is_none() && enough < MOST {
+                    (few, enough) = (enough, 2 * enough);
+                    found = attempt(enough)?;
                 }
                 let remedy = "give a larger bound, or the number of cells";
-                found.ok_or_else(|| range("bound on the excess", *bound, remedy))?
+                let mut found =
+                    found.ok_or_else(|| range("bound on the excess", *bound, remedy))?;
+                while enough - few > 1 {
+                    let middle = few + (enough - few) / 2;
+                    match attempt(middle)? {
+                        Some(better) => (enough, found) = (middle, better),
+                        None => few = middle,
+                    }
+                }
+                (equal(enough), Some(found))
             }
         };
         placer.check(&edges)?;
@@ -246,6 +256,14 @@ impl<'a> Placer<'a> {
             nominals.push(last);
         }
         Ok(Some(nominals))
+    }
+
+    /// The canonical first nominal value, if it keeps the excess within `bound`.
+    fn within(&self, edges: &[f64], bound: f64) -> Result<Option<f64>> {
+        let first = self.canonical(edges, self.feasible(edges, None)?)?;
+        let Some(nominals) = self.chain(edges, first)? else { return Ok(None) };
+        let excess = self.excess(edges, &nominals)?;
+        Ok(excess.iter().all(|e| *e <= bound).then_some(first))
     }
 
     /// True if each nominal value lies in its own cell.

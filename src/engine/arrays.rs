@@ -75,7 +75,7 @@ impl Arrays<'_> {
         &self.u[row * m..][..m]
     }
 
-    fn check(&self, m: usize, q: usize) -> Result<()> {
+    pub(super) fn check(&self, m: usize, q: usize) -> Result<()> {
         if self.steps == 0 {
             let remedy = "give at least one".into();
             return Err(Error::Range { what: "steps".into(), value: 0.0, remedy });

@@ -39,6 +39,7 @@
 mod arrays;
 mod estimate;
 mod lanes;
+mod likelihood;
 mod mixing;
 mod mmae;
 mod record;

@@ -8,6 +8,7 @@ mod change;
 mod discrete;
 mod filters;
 mod laws;
+mod likelihood;
 mod oscillator;
 mod pipeline;
 mod properties;

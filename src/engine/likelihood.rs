@@ -187,17 +187,23 @@ impl Totals<'_> {
     fn gather<T: Real, const V: usize>(&self, from: usize, count: usize, k: usize, y: &mut [T]) {
         let q = self.schedule.q;
         let each = self.arrays.steps * q;
-        let mut row = [0.0; LANES];
+        let len = y.len() / V;
         for v in 0..V {
-            let rows: [usize; LANES] = std::array::from_fn(|l| {
+            let rows: [&[f64]; LANES] = std::array::from_fn(|l| {
                 let record = (from + v * T::LANES + l).min(count - 1);
-                (self.first + record) * each + k * q
+                &self.arrays.y[(self.first + record) * each + k * q..][..len]
             });
-            for e in 0..y.len() / V {
-                for l in 0..T::LANES {
-                    row[l] = self.arrays.y[rows[l] + e];
+            let mut e = 0;
+            while e + 8 <= len {
+                let columns = T::load_columns(&rows, e);
+                for c in 0..8 {
+                    y[(e + c) * V + v] = columns[c];
                 }
-                y[e * V + v] = T::load(&row);
+                e += 8;
+            }
+            while e < len {
+                y[e * V + v] = T::from_fn(|l| rows[l][e]);
+                e += 1;
             }
         }
     }

@@ -28,6 +28,8 @@ pub mod scenario;
 pub mod cli;
 #[cfg(feature = "cli")]
 pub mod report;
+#[cfg(feature = "cli")]
+pub mod sweep;
 
 pub mod guide;
 

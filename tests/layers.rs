@@ -14,7 +14,7 @@ const ROWS: [Row; 8] = [
     (&["bank", "weight", "eip", "adaptive"], &[]),
     (&["engine"], &[]),
     (&["sim"], &[]),
-    (&["scenario", "report", "cli", "bin", "python"], &[("*", "*")]),
+    (&["scenario", "report", "sweep", "cli", "bin", "python"], &[("*", "*")]),
 ];
 
 /// faer is a container everywhere; its algorithms stay behind `solve/backend`.

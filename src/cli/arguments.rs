@@ -1,8 +1,11 @@
 //! What the command line may say.
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::sweep::Shard;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -10,6 +13,7 @@ Exit codes:
   2    wrong usage
   3    the input file is wrong: file:line:column, key and remedy
   4    numerical failure: no plant has a winner, no equation a solution
+  5    parts are missing, damaged or of another study
   6    a file cannot be read or written
   7    over a limit of size or memory; nothing was allocated
   130  interrupted (SIGINT), 143 terminated (SIGTERM): nothing was written";
@@ -26,6 +30,8 @@ pub(super) struct Arguments {
 pub(super) enum Command {
     /// Compute the EIP sets of a scenario: which model each plant is identified as
     Eip(EipArguments),
+    /// Join the parts that mmae eip --shard has written
+    Merge(MergeArguments),
     /// Place nominal values whose EIP sets are the cells wanted
     Place(PlaceArguments),
     /// Validate a scenario, print its sizes and a cost estimate
@@ -64,6 +70,45 @@ pub(super) struct EipArguments {
     )]
     pub(super) threads: u16,
     /// Replace an earlier result in DIR
+    #[arg(long)]
+    pub(super) force: bool,
+    /// Compute one of n parts of the grid, block by block, into DIR; mmae merge joins them
+    #[arg(long, value_name = "I/N", requires = "out", help_heading = "Large grids")]
+    pub(super) shard: Option<Shard>,
+    /// Keep the parts that DIR holds already and compute the rest
+    #[arg(long, requires = "out", conflicts_with = "force", help_heading = "Large grids")]
+    pub(super) resume: bool,
+    /// Compute only the plants around the boundaries between winners
+    #[arg(long, requires = "out", help_heading = "Large grids")]
+    pub(super) refine: bool,
+    /// Plants of a block, at most
+    #[arg(long, value_name = "PLANTS", requires = "out", help_heading = "Large grids")]
+    pub(super) block: Option<NonZeroUsize>,
+}
+
+impl EipArguments {
+    /// Whether the result is a directory of parts.
+    pub(super) fn in_parts(&self) -> bool {
+        self.shard.is_some() || self.resume || self.refine || self.block.is_some()
+    }
+}
+
+#[derive(Debug, Args)]
+#[command(after_help = EXIT_CODES)]
+pub(super) struct MergeArguments {
+    /// Directories of parts, of all shards of one study
+    #[arg(value_name = "DIR", required = true)]
+    pub(super) dirs: Vec<PathBuf>,
+    /// Where to join them
+    #[arg(long, value_name = "DIR", required_unless_present = "check")]
+    pub(super) out: Option<PathBuf>,
+    /// Only say what is missing or damaged
+    #[arg(long, conflicts_with = "out")]
+    pub(super) check: bool,
+    /// Print JSON in place of the table
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Replace an earlier result in the directory of --out
     #[arg(long)]
     pub(super) force: bool,
 }

@@ -7,6 +7,7 @@ use super::clock::Clock;
 use super::failure::{Failure, say};
 use super::output::{self, Watch};
 use super::progress::Progress;
+use super::shard;
 use super::signals::Signals;
 use crate::eip::{Case, EipSets};
 use crate::error::Error;
@@ -20,6 +21,9 @@ const FILES: [&str; 4] = ["eip.json", "upsilon.parquet", "eip.svg", MANIFEST];
 const MANY: usize = 4;
 
 pub(super) fn run(args: &EipArguments, signals: &Signals) -> Result<(), Failure> {
+    if args.in_parts() {
+        return shard::run(args, signals);
+    }
     let clock = Clock::start();
     let scenario = Scenario::from_file(&args.file)?;
     for warning in scenario.warnings() {

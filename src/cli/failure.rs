@@ -7,9 +7,11 @@ use super::signals::Signals;
 use crate::error::Error;
 use crate::report::write;
 use crate::scenario;
+use crate::sweep;
 
 const SCENARIO: u8 = 3;
 const NUMERICAL: u8 = 4;
+const PARTS: u8 = 5;
 const FILES: u8 = 6;
 const LIMITS: u8 = 7;
 
@@ -22,8 +24,14 @@ pub(super) enum Failure {
     Numerical(Vec<String>),
     /// Something does not fit in memory.
     Limit(String),
+    /// Parts that are missing, damaged or of another study.
+    Parts(Vec<String>),
+    /// A signal came during a run in parts.
+    Stopped(String),
     /// A result directory.
     Files(write::Error),
+    /// A result stands in the way of parts.
+    Present(String),
     /// The standard output.
     Output(std::io::Error),
     /// A signal came.
@@ -45,6 +53,18 @@ impl From<write::Error> for Failure {
     }
 }
 
+impl From<sweep::Error> for Failure {
+    fn from(e: sweep::Error) -> Self {
+        match e {
+            sweep::Error::Files(e) => Failure::Files(e),
+            sweep::Error::Incomplete { problems } => Failure::Parts(problems),
+            e @ sweep::Error::Present { .. } => Failure::Present(e.to_string()),
+            e @ sweep::Error::Stopped { .. } => Failure::Stopped(e.to_string()),
+            e => Failure::Parts(vec![e.to_string()]),
+        }
+    }
+}
+
 impl Failure {
     /// The exit code, see the help.
     pub(super) fn code(&self, signals: &Signals) -> ExitCode {
@@ -55,8 +75,9 @@ impl Failure {
             Failure::Scenario(_) => SCENARIO,
             Failure::Numerical(_) => NUMERICAL,
             Failure::Limit(_) => LIMITS,
-            Failure::Files(_) | Failure::Output(_) => FILES,
-            Failure::Cancelled => signals.code(),
+            Failure::Parts(_) => PARTS,
+            Failure::Files(_) | Failure::Present(_) | Failure::Output(_) => FILES,
+            Failure::Cancelled | Failure::Stopped(_) => signals.code(),
         })
     }
 
@@ -68,8 +89,10 @@ impl Failure {
                 e.to_string().lines().map(String::from).collect()
             }
             Failure::Scenario(e) => vec![e.to_string()],
-            Failure::Numerical(messages) => messages.clone(),
-            Failure::Limit(message) => vec![message.clone()],
+            Failure::Numerical(messages) | Failure::Parts(messages) => messages.clone(),
+            Failure::Limit(message) | Failure::Present(message) | Failure::Stopped(message) => {
+                vec![message.clone()]
+            }
             Failure::Files(e) => vec![e.to_string()],
             Failure::Output(e) => vec![format!(
                 "cannot write to the standard output: {e}: check the free space where it goes"

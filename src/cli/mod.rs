@@ -1,8 +1,8 @@
-//! The command `mmae`: `eip`, `place`, `check`, `estimate`, `new`, `run`, `solve` and `bench`.
+//! The command `mmae`: `eip`, `merge`, `place`, `check`, `estimate`, `new`, `run`, `solve` and `bench`.
 //!
 //! Results go to the standard output, everything else to the standard error,
 //! one line a message. Exit codes: 0 done, 2 usage, 3 scenario, 4 numerical
-//! failure, 6 files, 7 limits, 130 and 143 after SIGINT and SIGTERM. The guide,
+//! failure, 5 missing parts, 6 files, 7 limits, 130 and 143 after SIGINT and SIGTERM. The guide,
 //! page "command", describes all of it.
 
 mod arguments;
@@ -13,11 +13,13 @@ mod course;
 mod eip;
 mod estimate;
 mod failure;
+mod merge;
 mod new;
 mod output;
 mod place;
 mod progress;
 mod run;
+mod shard;
 mod signals;
 mod solve;
 
@@ -41,6 +43,7 @@ pub fn main() -> ExitCode {
     let signals = signals::Signals::install();
     let done = match &arguments.command {
         Command::Eip(args) => eip::run(args, &signals),
+        Command::Merge(args) => merge::run(args),
         Command::Place(args) => place::run(args, &signals),
         Command::Check(args) => check::run(args),
         Command::New(args) => new::run(args),

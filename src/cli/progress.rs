@@ -6,18 +6,23 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::failure::say;
 use crate::report::significant;
 
+/// Between two lines of a run that reports in lines.
+const MINUTE: Duration = Duration::from_secs(60);
 /// Shorter runs show nothing.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Bar with rate and remaining time on the standard error, if that is a
-/// terminal; otherwise nothing at all.
+/// terminal; otherwise nothing at all, or a line a minute.
 pub(super) struct Progress {
     started: Instant,
     terminal: bool,
     what: &'static str,
     bar: Mutex<Option<ProgressBar>>,
+    /// When the last line was written, where there are lines.
+    line: Option<Mutex<Instant>>,
 }
 
 impl Progress {
@@ -32,12 +37,28 @@ impl Progress {
             terminal: std::io::stderr().is_terminal(),
             what,
             bar: Mutex::new(None),
+            line: None,
         }
+    }
+
+    /// Of a run over the items called `what` that may take hours: a line a
+    /// minute where there is no terminal.
+    pub(super) fn in_lines(what: &'static str) -> Self {
+        let this = Self::of(what);
+        Self { line: Some(Mutex::new(this.started)), ..this }
     }
 
     /// Shows that `done` of `total` items are done.
     pub(super) fn update(&self, done: u64, total: u64) {
         let elapsed = self.started.elapsed();
+        if let Some(Ok(mut last)) = self.line.as_ref().map(|line| line.lock())
+            && !self.terminal
+            && last.elapsed() >= MINUTE
+        {
+            *last = Instant::now();
+            let percent = 100 * done / total.max(1);
+            say("note", &format!("{percent} %, {}", pace(self.what, done, total, elapsed)));
+        }
         if !self.terminal || elapsed < PATIENCE {
             return;
         }

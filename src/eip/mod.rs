@@ -3,11 +3,14 @@
 
 mod assembly;
 mod batch;
+mod blocks;
+mod collect;
 mod cost;
 mod delay;
 mod doubling;
 mod engine;
 mod frequency;
+mod judge;
 mod modal;
 mod place;
 mod quadrature;
@@ -17,9 +20,12 @@ mod root;
 mod run;
 mod sets;
 mod setup;
+mod slabs;
+mod sparse;
 mod study;
 
 pub use crate::observer::ModelSet as Bank;
+pub use blocks::{Block, Blocks};
 pub use place::{Cells, Placement};
 pub use result::{
     Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Model, Undecidable,

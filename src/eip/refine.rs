@@ -4,9 +4,10 @@
 //! eight at a time, the lanes of one plant group, and between two winners with
 //! these two models only; all models are looked at where a boundary is accepted.
 
+use crate::eip::collect::Plants;
 use crate::eip::engine::{Engine, Flaw};
+use crate::eip::judge::DIFFER;
 use crate::eip::root::{self, Bracket};
-use crate::eip::run::{DIFFER, Plants};
 use crate::eip::sets::{self, Break, TIE, Verdict};
 use crate::eip::setup::Setup;
 use crate::eip::study::Verify;

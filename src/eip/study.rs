@@ -101,16 +101,8 @@ impl Study {
     pub fn cost(&self) -> Result<Cost> {
         let (plants, models) = (self.grid.len(), self.bank.models.len());
         let delays = self.delays.len().max(1);
-        let pairs = plants as u128 * models as u128 * delays as u128;
-        // upsilon and error, then winner, margin and bookkeeping of each plant
         let (order, model_order) = crate::eip::setup::check(self)?;
-        // and what the refinement copies, the table at the nominal values, and
-        // the blocks and lanes of a chunk on each thread
-        let chunk = (64 + 8 * 100) * (order as u128).pow(2) * 8 * 16;
-        let bytes = pairs * 32
-            + plants as u128 * (delays as u128 * 64 + 320)
-            + 16 * (models as u128).pow(2)
-            + chunk;
+        let bytes = self.bytes(plants, order);
         if bytes > self.memory_limit {
             return Err(Error::Limit {
                 what: format!(
@@ -125,7 +117,7 @@ impl Study {
         let per_plant = Method::flops_per_plant(method, order, model_order, models);
         let checked = match self.verify {
             Verify::All => plants,
-            Verify::Auto => plants.min(crate::eip::run::SAMPLE),
+            Verify::Auto => plants.min(crate::eip::judge::SAMPLE),
             Verify::None => 0,
         };
         let second: f64 = if self.delays.is_empty() { vec![0.0] } else { self.delays.clone() }
@@ -144,6 +136,27 @@ impl Study {
             flops: (per_plant * plants as f64 + search) * delays as f64 + second * checked as f64,
             method,
         })
+    }
+
+    /// Bytes that a run holds for `plants` plants of blocks of order `order`.
+    fn bytes(&self, plants: usize, order: usize) -> u128 {
+        let (models, delays) = (self.bank.models.len(), self.delays.len().max(1));
+        let pairs = plants as u128 * models as u128 * delays as u128;
+        // upsilon and error, then winner, margin and bookkeeping of each plant,
+        // and what the refinement copies, the table at the nominal values, and
+        // the blocks and lanes of a chunk on each thread
+        let chunk = (64 + 8 * 100) * (order as u128).pow(2) * 8 * 16;
+        pairs * 32
+            + plants as u128 * (delays as u128 * 64 + 320)
+            + 16 * (models as u128).pow(2)
+            + chunk
+    }
+
+    /// What a run in blocks of `plants` plants holds; as [`Study::cost`].
+    pub(crate) fn block_bytes(&self, plants: usize) -> Result<u128> {
+        // a block is also a table before it is written
+        let (order, _) = crate::eip::setup::check(self)?;
+        Ok(2 * self.bytes(plants.min(self.grid.len()), order))
     }
 
     /// Boundaries that a study of one parameter with `models` models is taken

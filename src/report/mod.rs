@@ -4,6 +4,7 @@
 //! where, how sure that is, and what could not be computed. The file formats
 //! are described in the guide, page "results".
 
+pub(crate) mod columns;
 pub(crate) mod layout;
 mod number;
 

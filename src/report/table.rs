@@ -1,21 +1,16 @@
 //! The study as a Parquet table, one row a plant and model and delay.
 
 use std::io::Write;
-use std::sync::Arc;
 
-use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical};
-use parquet::column::writer::ColumnWriter;
 use parquet::data_type::ByteArray;
-use parquet::errors::{ParquetError, Result};
-use parquet::file::metadata::KeyValue;
-use parquet::file::properties::WriterProperties;
-use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
-use parquet::schema::types::{Type, TypePtr};
+use parquet::errors::Result;
 
-use crate::eip::EipSets;
+use crate::eip::{Case, EipSets, Model};
+use crate::model::Grid;
+use crate::report::columns::{Column, Kind, Table};
 
 /// Rows of a row group, at most: bounds the memory of writer and readers.
-const GROUP_ROWS: usize = 1 << 16;
+pub(crate) const GROUP_ROWS: usize = 1 << 16;
 
 /// Writes the study as Parquet, without compression.
 ///
@@ -28,165 +23,99 @@ const GROUP_ROWS: usize = 1 << 16;
 /// # Errors
 /// Whatever `out` reports.
 pub fn write(sets: &EipSets, out: impl Write + Send) -> Result<()> {
-    let schema = Arc::new(schema(sets)?);
-    let about = vec![
-        KeyValue::new("mmae.schema".into(), super::json::SCHEMA.to_string()),
-        KeyValue::new("mmae.version".into(), env!("CARGO_PKG_VERSION").to_string()),
-        KeyValue::new("mmae.convention".into(), sets.convention.name().to_string()),
+    let about = [
+        ("mmae.schema", super::json::SCHEMA),
+        ("mmae.version", env!("CARGO_PKG_VERSION")),
+        ("mmae.convention", sets.convention.name()),
     ];
-    let properties = WriterProperties::builder()
-        .set_compression(Compression::UNCOMPRESSED)
-        .set_created_by(concat!("mmae ", env!("CARGO_PKG_VERSION")).into())
-        .set_key_value_metadata(Some(about))
-        .build();
-    let mut file = SerializedFileWriter::new(out, schema, Arc::new(properties))?;
-    let n = sets.models.len().max(1);
-    // whole plants, so that a group never splits one
-    let step = (GROUP_ROWS / n).max(1);
-    for case in 0..sets.cases.len() {
-        let plants = sets.cases[case].winner.len();
-        for from in (0..plants).step_by(step) {
-            let rows = Rows { sets, case, from, to: (from + step).min(plants) };
-            let mut group = file.next_row_group()?;
-            rows.write(&mut group)?;
-            group.close()?;
-        }
-    }
-    file.close()?;
-    Ok(())
+    let mut table = Table::new(out, "eip", &columns(&sets.grid), &about)?;
+    let pairs = Pairs { grid: &sets.grid, models: &sets.models, first: 0, cases: &sets.cases };
+    pairs.write(&mut table, |_, _| true)?;
+    table.close()
 }
 
 const OWN: [&str; 8] = ["delay", "plant", "model", "label", "upsilon", "error", "winner", "margin"];
 
-fn schema(sets: &EipSets) -> Result<Type> {
-    let column = |name: &str, physical: Physical, optional: bool| -> Result<TypePtr> {
-        let repetition = if optional { Repetition::OPTIONAL } else { Repetition::REQUIRED };
-        let text = (physical == Physical::BYTE_ARRAY).then_some(LogicalType::String);
-        let column = Type::primitive_type_builder(name, physical)
-            .with_repetition(repetition)
-            .with_logical_type(text);
-        Ok(Arc::new(column.build()?))
-    };
-    let mut columns = vec![column("delay", Physical::DOUBLE, false)?];
-    for (name, _) in sets.grid.axes() {
-        let free = if OWN.contains(&name.as_str()) { &format!("plant_{name}") } else { name };
-        columns.push(column(free, Physical::DOUBLE, false)?);
-    }
-    columns.push(column("plant", Physical::INT64, false)?);
-    columns.push(column("model", Physical::INT32, false)?);
-    columns.push(column("label", Physical::BYTE_ARRAY, false)?);
-    columns.push(column("upsilon", Physical::DOUBLE, true)?);
-    columns.push(column("error", Physical::DOUBLE, true)?);
-    columns.push(column("winner", Physical::BOOLEAN, false)?);
-    columns.push(column("margin", Physical::DOUBLE, true)?);
-    Type::group_type_builder("eip").with_fields(columns).build()
+/// A column a grid parameter, under a name that none of `own` has.
+pub(crate) fn parameters(grid: &Grid, own: &[&str]) -> impl Iterator<Item = (String, Kind)> {
+    grid.axes().iter().map(|(name, _)| {
+        let free =
+            if own.contains(&name.as_str()) { format!("plant_{name}") } else { name.clone() };
+        (free, Kind::Real)
+    })
 }
 
-/// The rows of some plants of one case.
-struct Rows<'a> {
-    sets: &'a EipSets,
-    case: usize,
-    from: usize,
-    to: usize,
+/// Columns of the table of pairs on `grid`.
+pub(crate) fn columns(grid: &Grid) -> Vec<(String, Kind)> {
+    let mut columns = vec![("delay".to_string(), Kind::Real)];
+    columns.extend(parameters(grid, &OWN));
+    let kinds = [Kind::Long, Kind::Int, Kind::Text, Kind::Number, Kind::Number, Kind::Flag];
+    columns.extend(OWN[1..].iter().map(|name| name.to_string()).zip(kinds));
+    columns.push((OWN[7].into(), Kind::Number));
+    columns
 }
 
-impl Rows<'_> {
-    /// Writes the columns in the order of [`schema`].
-    fn write<W: Write + Send>(&self, group: &mut SerializedRowGroupWriter<'_, W>) -> Result<()> {
-        let case = &self.sets.cases[self.case];
-        let n = self.sets.models.len();
-        let labels: Vec<ByteArray> =
-            self.sets.models.iter().map(|m| ByteArray::from(m.label.as_str())).collect();
-        self.required(group, |_, _| case.delay)?;
-        let points: Vec<Vec<f64>> =
-            (self.from..self.to).map(|plant| self.sets.grid.point(plant)).collect();
-        for axis in 0..self.sets.grid.axes().len() {
-            self.required(group, |plant, _| points[plant - self.from][axis])?;
+/// Plants from `first` on, by models.
+pub(crate) struct Pairs<'a> {
+    pub(crate) grid: &'a Grid,
+    pub(crate) models: &'a [Model],
+    pub(crate) first: usize,
+    pub(crate) cases: &'a [Case],
+}
+
+impl Pairs<'_> {
+    /// Writes the rows of the plants that `wanted(case, place)` asks for.
+    pub(crate) fn write<W: Write + Send>(
+        &self,
+        table: &mut Table<W>,
+        wanted: impl Fn(usize, usize) -> bool,
+    ) -> Result<()> {
+        // whole plants, so that a group never splits one
+        let step = (GROUP_ROWS / self.models.len().max(1)).max(1);
+        for (c, case) in self.cases.iter().enumerate() {
+            let places: Vec<usize> = (0..case.winner.len()).filter(|&k| wanted(c, k)).collect();
+            for places in places.chunks(step) {
+                table.group(self.rows(case, places))?;
+            }
         }
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::Int64ColumnWriter(w) => {
-                let values: Vec<i64> = pairs.map(|(plant, _)| plant as i64).collect();
-                w.write_batch(&values, None, None)
-            }
-            _ => Err(other_type()),
-        })?;
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::Int32ColumnWriter(w) => {
-                let values: Vec<i32> = pairs.map(|(_, model)| model as i32).collect();
-                w.write_batch(&values, None, None)
-            }
-            _ => Err(other_type()),
-        })?;
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::ByteArrayColumnWriter(w) => {
-                let values: Vec<ByteArray> = pairs.map(|(_, i)| labels[i].clone()).collect();
-                w.write_batch(&values, None, None)
-            }
-            _ => Err(other_type()),
-        })?;
-        self.optional(group, |plant, i| case.upsilon[plant * n + i])?;
-        self.optional(group, |plant, i| {
-            case.error.get(plant * n + i).copied().unwrap_or(f64::NAN)
-        })?;
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::BoolColumnWriter(w) => {
-                let values: Vec<bool> =
-                    pairs.map(|(plant, i)| case.winner[plant] == Some(i)).collect();
-                w.write_batch(&values, None, None)
-            }
-            _ => Err(other_type()),
-        })?;
-        self.optional(group, |plant, _| case.margin[plant])
+        Ok(())
     }
 
-    fn required<W: Write + Send>(
-        &self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-        value: impl Fn(usize, usize) -> f64,
-    ) -> Result<()> {
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::DoubleColumnWriter(w) => {
-                let values: Vec<f64> = pairs.map(|(plant, model)| value(plant, model)).collect();
-                w.write_batch(&values, None, None)
-            }
-            _ => Err(other_type()),
-        })
-    }
-
-    /// Null where the value is not finite.
-    fn optional<W: Write + Send>(
-        &self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-        value: impl Fn(usize, usize) -> f64,
-    ) -> Result<()> {
-        self.column(group, |writer, pairs| match writer {
-            ColumnWriter::DoubleColumnWriter(w) => {
-                let all: Vec<f64> = pairs.map(|(plant, model)| value(plant, model)).collect();
-                let levels: Vec<i16> = all.iter().map(|v| i16::from(v.is_finite())).collect();
-                let values: Vec<f64> = all.into_iter().filter(|v| v.is_finite()).collect();
-                w.write_batch(&values, Some(&levels), None)
-            }
-            _ => Err(other_type()),
-        })
-    }
-
-    fn column<W: Write + Send>(
-        &self,
-        group: &mut SerializedRowGroupWriter<'_, W>,
-        fill: impl FnOnce(
-            &mut ColumnWriter<'_>,
-            &mut dyn Iterator<Item = (usize, usize)>,
-        ) -> Result<usize>,
-    ) -> Result<()> {
-        let mut column = group.next_column()?.ok_or_else(other_type)?;
-        let n = self.sets.models.len();
-        let mut pairs = (self.from..self.to).flat_map(|plant| (0..n).map(move |i| (plant, i)));
-        fill(column.untyped(), &mut pairs)?;
-        column.close()
+    /// The columns of some plants of one case, in the order of [`columns`].
+    fn rows(&self, case: &Case, places: &[usize]) -> Vec<Column> {
+        let n = self.models.len();
+        let labels: Vec<ByteArray> =
+            self.models.iter().map(|m| ByteArray::from(m.label.as_str())).collect();
+        let pairs = || places.iter().flat_map(|&k| (0..n).map(move |i| (k, i)));
+        let of_plant = |value: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            places.iter().flat_map(|&k| std::iter::repeat_n(value(k), n)).collect()
+        };
+        let of_pair = |values: &[f64]| -> Vec<f64> {
+            pairs().map(|(k, i)| values.get(k * n + i).copied().unwrap_or(f64::NAN)).collect()
+        };
+        let mut columns = vec![Column::Real(vec![case.delay; places.len() * n])];
+        for axis in points(self.grid, places.iter().map(|k| self.first + k)) {
+            let values = axis.into_iter().flat_map(|v| std::iter::repeat_n(v, n));
+            columns.push(Column::Real(values.collect()));
+        }
+        columns.push(Column::Long(pairs().map(|(k, _)| (self.first + k) as i64).collect()));
+        columns.push(Column::Int(pairs().map(|(_, i)| i as i32).collect()));
+        columns.push(Column::Text(pairs().map(|(_, i)| labels[i].clone()).collect()));
+        columns.push(Column::Number(of_pair(&case.upsilon)));
+        columns.push(Column::Number(of_pair(&case.error)));
+        columns.push(Column::Flag(pairs().map(|(k, i)| case.winner[k] == Some(i)).collect()));
+        columns.push(Column::Number(of_plant(&|k| case.margin[k])));
+        columns
     }
 }
 
-/// The columns above do not match [`schema`]; a test keeps them in step.
-fn other_type() -> ParquetError {
-    ParquetError::General("the columns do not match the schema".into())
+/// Parameter values of plants, one list an axis.
+pub(crate) fn points(grid: &Grid, plants: impl Iterator<Item = usize>) -> Vec<Vec<f64>> {
+    let mut axes = vec![Vec::new(); grid.axes().len()];
+    for plant in plants {
+        for (axis, value) in axes.iter_mut().zip(grid.point(plant)) {
+            axis.push(value);
+        }
+    }
+    axes
 }

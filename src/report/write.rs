@@ -75,7 +75,7 @@ pub(crate) fn io_error(action: &'static str, path: &Path, source: io::Error) -> 
 }
 
 /// A file that was written, as the manifest lists it.
-#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Written {
     /// Name inside the directory.
     pub name: String,
@@ -118,7 +118,7 @@ impl Output {
         for name in names {
             check_free(&dir.join(name), force)?;
         }
-        output.sweep();
+        sweep(dir);
         Ok(output)
     }
 
@@ -192,16 +192,16 @@ impl Output {
         self.made.clear();
         Ok(())
     }
+}
 
-    /// Removes temporary files of a process that was killed; the lock says
-    /// that nobody is using them.
-    fn sweep(&self) {
-        for entry in fs::read_dir(&self.dir).into_iter().flatten().flatten() {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            if name.starts_with(TEMPORARY) && name.ends_with(".tmp") {
-                let _ = fs::remove_file(entry.path());
-            }
+/// Removes temporary files that a killed process left in `dir`; a lock says that
+/// nobody is using them.
+pub(crate) fn sweep(dir: &Path) {
+    for entry in fs::read_dir(dir).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        if name.starts_with(TEMPORARY) && name.ends_with(".tmp") {
+            let _ = fs::remove_file(entry.path());
         }
     }
 }

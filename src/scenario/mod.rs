@@ -118,7 +118,8 @@ impl Scenario {
         Self::from_bytes(name, text.as_bytes())
     }
 
-    fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, Error> {
+    /// As [`Scenario::parse`], of a text that may not be UTF-8.
+    pub(crate) fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, Error> {
         let source = Source::new(name, bytes)?;
         let reader = Reader::new(&source);
         let root = DeTable::parse(source.text).map_err(|e| assemble::syntax(&reader, &e))?;
@@ -212,6 +213,11 @@ impl Scenario {
     /// True if the file describes trials of a bank, with `[run]`.
     pub fn has_run(&self) -> bool {
         self.run.is_some()
+    }
+
+    /// Seed of the random numbers of `[run]`, if the file has it.
+    pub fn seed(&self) -> Option<u64> {
+        self.run.as_ref().map(|run| run.seed)
     }
 
     /// True if the file describes a study of plants, with `[eip]`.

@@ -7,7 +7,7 @@ use std::path::Path;
 use super::diagnostic::{Diagnostic, Error};
 
 /// Largest file that is read, in bytes.
-pub(super) const LIMIT: u64 = 8 << 20;
+pub(crate) const LIMIT: u64 = 8 << 20;
 /// Deepest nesting of brackets; a matrix in an inline table needs four.
 const DEPTH: usize = 32;
 /// Most parts of a dotted key or table header.

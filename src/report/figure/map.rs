@@ -1,8 +1,11 @@
-//! Two parameters: a map of winners, stronger where the margin is larger.
+//! Two parameters: a map of winners, stronger where the margin is larger, parted
+//! by the lines on which two models explain a plant equally well.
 
+use svg::node::Value;
 use svg::node::element::{Group, SVG};
 
 use super::canvas::{self, Area, LABEL, NOTE, TITLE, WIDTH};
+use super::contour::{self, Mesh};
 use super::key::dot;
 use super::palette::{Color, GREY, INK};
 use super::scale::Scale;
@@ -37,8 +40,8 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let area = Area { x: left, y: top, w: WIDTH - right - left, h: 540.0 };
     let x = padded(x_axis, &plane.columns, area.x, area.right());
     let y = padded(y_axis, &plane.rows, area.bottom(), area.y);
-    let mut body = Group::new().add(plane.cells(&levels, &x, &y));
-    body = body.add(plane.undecidable(&x, &y)).add(plane.seams(&x, &y)).add(plane.nominals(&x, &y));
+    let mut body = Group::new().add(plane.regions(&levels, &x, &y));
+    body = body.add(plane.undecidable(&x, &y)).add(plane.nominals(&x, &y));
     body = body.add(area.frame());
     body =
         body.add(canvas::x_axis(area, &x, true, false)).add(canvas::y_axis(area, &y, 60.0, false));
@@ -153,33 +156,71 @@ impl<'a> Plane<'a> {
         parts.join(", ")
     }
 
-    /// Winner and shade of every cell; equal neighbours of a row are one
-    /// rectangle.
-    fn cells(&self, levels: &[f64], x: &Scale, y: &Scale) -> Group {
+    /// Regions by winner and shade, and the lines between them; equal neighbours
+    /// of a row are one rectangle.
+    fn regions(&self, levels: &[f64], x: &Scale, y: &Scale) -> Group {
         let axes = self.sets.grid.axes();
-        let xs = edges(&axes[0].1, &self.columns, x);
-        let ys = edges(&axes[1].1, &self.rows, y);
-        // crisp edges: no seams of background between cells
-        let mut group = Group::new().set("shape-rendering", "crispEdges");
-        for (r, &row) in self.rows.iter().enumerate() {
-            let style = |c: usize| {
-                let column = self.columns[c];
-                self.winner(column, row).map(|i| (i, shade(levels, self.margin(column, row))))
+        let (columns, xs) = nodes(&axes[0].1, &self.columns, x);
+        let (rows, ys) = nodes(&axes[1].1, &self.rows, y);
+        let models = self.sets.models.len();
+        let winner = |c: usize, r: usize| self.winner(columns[c], rows[r]);
+        let value = |c: usize, r: usize, i: usize| {
+            self.sets.cases[0].upsilon[self.plant(columns[c], rows[r]) * models + i]
+        };
+        let style = |nodes: &[(usize, usize)]| {
+            let (c, r) = nodes[0];
+            let margins = nodes.iter().map(|&(c, r)| self.margin(columns[c], rows[r]));
+            let mean = margins.sum::<f64>() / nodes.len() as f64;
+            winner(c, r).map(|i| (i, shade(levels, mean)))
+        };
+        let paint = |style: Option<(usize, usize)>| match style {
+            Some((i, s)) => Value::from(Color::of(i).pale(SHADES[s])),
+            None => canvas::UNSTABLE.into(),
+        };
+        let mesh = Mesh { xs: &xs, ys: &ys, winner: &winner, value: &value };
+        // crisp edges: no seams of background between faces
+        let mut faces = Group::new().set("shape-rendering", "crispEdges");
+        let mut d = String::new();
+        for r in 0..ys.len() - 1 {
+            let mut run: Option<(usize, Option<(usize, usize)>)> = None;
+            let whole = |group: Group, (from, style): (usize, _), to: usize| {
+                let (w, h) = (xs[to] - xs[from], ys[r] - ys[r + 1]);
+                let cell = Area { x: xs[from], y: ys[r + 1], w, h };
+                group.add(cell.rectangle().set("fill", paint(style)))
             };
-            let mut c = 0;
-            while c < self.columns.len() {
-                let first = c;
-                while c < self.columns.len() && style(c) == style(first) {
-                    c += 1;
+            for c in 0..xs.len() - 1 {
+                let ring = contour::corners(c, r);
+                let cell = mesh.cell(c, r);
+                let full = cell.lines.is_empty().then(|| style(&ring));
+                if let Some(begun) = run.filter(|(_, style)| full != Some(*style)) {
+                    faces = whole(faces, begun, c);
+                    run = None;
                 }
-                let cell =
-                    Area { x: xs[first], y: ys[r + 1], w: xs[c] - xs[first], h: ys[r] - ys[r + 1] };
-                let rectangle = cell.rectangle();
-                group = group.add(match style(first) {
-                    Some((i, s)) => rectangle.set("fill", Color::of(i).pale(SHADES[s])),
-                    None => rectangle.set("fill", canvas::UNSTABLE),
-                });
+                if let Some(style) = full {
+                    run.get_or_insert((c, style));
+                    continue;
+                }
+                for face in &cell.faces {
+                    let (first, count) = face.corners;
+                    let nodes: Vec<_> = (first..first + count).map(|i| ring[i % 4]).collect();
+                    if let Some(path) = canvas::polyline(face.outline.iter().copied()) {
+                        faces = faces.add(path.set("fill", paint(style(&nodes))));
+                    }
+                }
+                for [from, to] in &cell.lines {
+                    let [x1, y1, x2, y2] = [from.0, from.1, to.0, to.1].map(canvas::px);
+                    d.push_str(&format!("M{x1} {y1}L{x2} {y2}"));
+                }
             }
+            if let Some(begun) = run {
+                faces = whole(faces, begun, xs.len() - 1);
+            }
+        }
+        let mut group = Group::new().add(faces);
+        if !d.is_empty() {
+            let path = svg::node::element::Path::new().set("d", d).set("fill", "none");
+            let path = path.set("stroke", INK).set("stroke-width", 1.6);
+            group = group.add(path.set("stroke-linecap", "round"));
         }
         group
     }
@@ -211,56 +252,6 @@ impl<'a> Plane<'a> {
         group
     }
 
-    /// Lines between cells with different winners.
-    fn seams(&self, x: &Scale, y: &Scale) -> Group {
-        let axes = self.sets.grid.axes();
-        let xs = edges(&axes[0].1, &self.columns, x);
-        let ys = edges(&axes[1].1, &self.rows, y);
-        let mut d = String::new();
-        let mut add = |from: (f64, f64), to: (f64, f64)| {
-            d.push_str(&format!(
-                "M{} {}L{} {}",
-                canvas::px(from.0),
-                canvas::px(from.1),
-                canvas::px(to.0),
-                canvas::px(to.1)
-            ));
-        };
-        let winner = |c: usize, r: usize| self.winner(self.columns[c], self.rows[r]);
-        // runs, so that a straight seam is one line
-        for c in 1..self.columns.len() {
-            let mut r = 0;
-            while r < self.rows.len() {
-                let first = r;
-                while r < self.rows.len() && winner(c - 1, r) != winner(c, r) {
-                    r += 1;
-                }
-                if r > first {
-                    add((xs[c], ys[first]), (xs[c], ys[r]));
-                }
-                r = r.max(first + 1);
-            }
-        }
-        for r in 1..self.rows.len() {
-            let mut c = 0;
-            while c < self.columns.len() {
-                let first = c;
-                while c < self.columns.len() && winner(c, r - 1) != winner(c, r) {
-                    c += 1;
-                }
-                if c > first {
-                    add((xs[first], ys[r]), (xs[c], ys[r]));
-                }
-                c = c.max(first + 1);
-            }
-        }
-        if d.is_empty() {
-            return Group::new();
-        }
-        let path = svg::node::element::Path::new().set("d", d).set("fill", "none");
-        Group::new().add(path.set("stroke", INK).set("stroke-width", 1.4))
-    }
-
     /// Numbered dots at the nominal values.
     fn nominals(&self, x: &Scale, y: &Scale) -> Group {
         let axes = self.sets.grid.axes();
@@ -284,6 +275,19 @@ impl<'a> Plane<'a> {
         }
         group
     }
+}
+
+/// Nodes of the mesh along an axis: the shown values, the outer ones again at
+/// the ends of the scale; their indices and pixels.
+fn nodes(axis: &Axis, shown: &[usize], scale: &Scale) -> (Vec<usize>, Vec<f64>) {
+    let (Some(&first), Some(&last)) = (shown.first(), shown.last()) else {
+        return Default::default();
+    };
+    let indices = [&[first], shown, &[last]].concat();
+    let mut pixels = vec![scale.start];
+    pixels.extend(shown.iter().map(|&k| scale.at(axis.value(k))));
+    pixels.push(scale.end);
+    (indices, pixels)
 }
 
 /// Pixels between the shown values of an axis, one more than there are values.

@@ -6,6 +6,7 @@
 //! every colour is doubled by a number or a label.
 
 mod canvas;
+mod contour;
 mod curves;
 mod decisions;
 mod key;

@@ -13,6 +13,9 @@ pub mod eip {}
 #[doc = include_str!("notation.md")]
 pub mod notation {}
 
+#[doc = include_str!("python.md")]
+pub mod python {}
+
 #[cfg(feature = "cli")]
 #[doc = include_str!("results.md")]
 pub mod results {}

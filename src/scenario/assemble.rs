@@ -31,8 +31,13 @@ pub(super) fn syntax(reader: &Reader<'_>, error: &toml::de::Error) -> Error {
     Error::Invalid(vec![reader.diagnostic(span.start, &key, message, remedy)])
 }
 
-/// Reads every table; each has its say before the first failure ends it.
-pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenario> {
+/// Reads every table; each has its say before the first failure ends it. With
+/// `given` the plants are those of the caller.
+pub(super) fn read<'a>(
+    reader: &Reader<'a>,
+    root: &DeTable<'a>,
+    given: Option<Arc<dyn Family>>,
+) -> Option<Scenario> {
     let table = Table::new(reader, "", 0, root, keys::TOP);
     format(&table)?;
     let title = match table.get("title") {
@@ -45,13 +50,22 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         explicit::is_explicit(bank) && !described
     });
     let mut models = None;
-    let (plant, read) = match matrices {
-        Some(bank) => {
+    let own = given.is_some();
+    let (plant, read) = match (given, matrices) {
+        (Some(_), Some(_)) => {
+            let remedy = "give the models as parameter values";
+            return table.error("bank", "models by matrices, but the plants are given", remedy);
+        }
+        (Some(_), None) if table.get("plant").is_some() => {
+            return table.error("plant", "the plants are given with the text", "remove it");
+        }
+        (Some(family), None) => (None, plant::around(family)),
+        (None, Some(bank)) => {
             let (read, found) = without_family(&table, bank)?;
             models = Some(found);
             (None, read)
         }
-        None => {
+        (None, None) => {
             let plant =
                 table.need("plant", "add [plant] with time, states, outputs, A, C and R")?;
             (Some(plant), plant::read(reader, plant, shaped)?)
@@ -70,7 +84,7 @@ pub(super) fn read<'a>(reader: &Reader<'a>, root: &DeTable<'a>) -> Option<Scenar
         table.get("controller").map(|value| surroundings::controller(reader, value, names));
     let actuator = table.get("actuator").map(|value| surroundings::actuator(reader, value));
     let settings = table.get("eip").map(|value| settings::read(reader, value, &family));
-    let weighted = plant.is_some_and(|p| has(p, "Q") || has(p, "family"));
+    let weighted = own || plant.is_some_and(|p| has(p, "Q") || has(p, "family"));
     // the file's own filter stands before what a built-in family brings
     let filter_states = match &disturbance {
         Some(own) => own.as_ref().map_or(0, |f| f.nf()),

@@ -59,7 +59,7 @@ pub use template::{Template, template};
 
 use crate::eip::{Bank, Study};
 use crate::engine::Weighting;
-use crate::model::Surroundings;
+use crate::model::{Family, Surroundings};
 use crate::sim::Signals;
 use explicit::Explicit;
 use places::Places;
@@ -120,10 +120,33 @@ impl Scenario {
 
     /// As [`Scenario::parse`], of a text that may not be UTF-8.
     pub(crate) fn from_bytes(name: &str, bytes: &[u8]) -> Result<Self, Error> {
+        Self::read(name, bytes, None)
+    }
+
+    /// Reads the scenario `text` around the plants of `family`: the text has no
+    /// `[plant]`, all else is as in a file.
+    ///
+    /// ```
+    /// use std::sync::Arc;
+    /// use mmae::model::{Family, systems};
+    /// use mmae::scenario::Scenario;
+    /// let text = "format = 1\n[bank]\nmodels = { wn = [1.0, 2.0] }\n";
+    /// let scenario = Scenario::parse_with("bank", text, Arc::new(systems::oscillator()))?;
+    /// assert_eq!(scenario.family().names(), systems::oscillator().names());
+    /// # Ok::<(), mmae::scenario::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// As [`Scenario::parse`]; `Invalid` for a text with `[plant]`.
+    pub fn parse_with(name: &str, text: &str, family: Arc<dyn Family>) -> Result<Self, Error> {
+        Self::read(name, text.as_bytes(), Some(family))
+    }
+
+    fn read(name: &str, bytes: &[u8], family: Option<Arc<dyn Family>>) -> Result<Self, Error> {
         let source = Source::new(name, bytes)?;
         let reader = Reader::new(&source);
         let root = DeTable::parse(source.text).map_err(|e| assemble::syntax(&reader, &e))?;
-        let parts = assemble::read(&reader, root.get_ref());
+        let parts = assemble::read(&reader, root.get_ref(), family);
         let warnings = reader.finish()?;
         // without diagnostics every part is there
         let Some(scenario) = parts else { return Err(Error::Invalid(Vec::new())) };

@@ -1,6 +1,7 @@
 //! `[plant]`: names, parameters and matrices.
 
 use std::cell::RefCell;
+use std::sync::Arc;
 
 use faer::Mat;
 use toml::de::DeValue;
@@ -12,7 +13,7 @@ use super::places::EntryPlaces;
 use super::reader::{Reader, Value};
 use super::table::Table;
 use super::{keys, suggest};
-use crate::model::{Names, Parameter, Surroundings, Time, systems};
+use crate::model::{Family, Names, Parameter, Surroundings, Time, systems};
 
 /// `[plant]`, read.
 pub(super) struct Read {
@@ -71,23 +72,38 @@ fn built_in<'a>(table: &Table<'_, 'a>, value: &Value<'a>) -> Option<Read> {
         table.reader.error::<()>(at, &format!("plant.parameters.{name}"), message, remedy);
         good = false;
     }
-    let free =
-        |(i, p): (usize, &Parameter)| Quantity { name: p.name.clone(), value: Origin::Free(i) };
     let surroundings = match name {
         "pendulum" => systems::pendulum_surroundings(),
         _ => Surroundings::default(),
     };
-    good.then(|| Read {
+    good.then(|| {
+        let read = around(family);
+        let quantities = free(&parameters);
+        let family = ExpressionFamily { parameters, quantities, ..read.family };
+        Read { family, surroundings, ..read }
+    })
+}
+
+/// A family that is not written in the file.
+pub(super) fn around(family: Arc<dyn Family>) -> Read {
+    Read {
         family: ExpressionFamily {
-            quantities: parameters.iter().enumerate().map(free).collect(),
-            parameters,
+            quantities: free(family.parameters()),
+            parameters: family.parameters().to_vec(),
             names: family.names().clone(),
             time: family.time(),
             plants: Plants::BuiltIn(family),
         },
         entries: EntryPlaces::new(),
-        surroundings,
-    })
+        surroundings: Surroundings::default(),
+    }
+}
+
+/// Every parameter as a quantity of its own.
+fn free(parameters: &[Parameter]) -> Vec<Quantity> {
+    let each =
+        |(i, p): (usize, &Parameter)| Quantity { name: p.name.clone(), value: Origin::Free(i) };
+    parameters.iter().enumerate().map(each).collect()
 }
 
 /// Time and names of a plant whose matrices are those of the models.

@@ -58,5 +58,27 @@ fn pairs(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, pairs);
+/// The same plants in blocks, as the parts of a large grid are computed.
+fn blocks(c: &mut Criterion) {
+    let mut group = c.benchmark_group("eip plants in blocks");
+    group.sample_size(10).measurement_time(Duration::from_secs(3));
+    let control = RunControl::default().threads(1);
+    let setup = study(4, Method::Doubling, Verify::None).prepare_blocks(PLANTS).expect("a study");
+    let whole = setup.run(&control).expect("a run");
+    for plants in [64, PLANTS] {
+        group.throughput(Throughput::Elements(PLANTS as u64));
+        group.bench_function(BenchmarkId::new("plants of a block", plants), |b| {
+            b.iter(|| {
+                let mut blocks = setup.blocks(plants, false).expect("blocks");
+                for k in 0..blocks.len() {
+                    let block = blocks.run(k, &control).expect("a block");
+                    assert_eq!(block.cases[0].winner, whole.cases[0].winner[block.plants]);
+                }
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, pairs, blocks);
 criterion_main!(benches);

@@ -194,7 +194,7 @@ fn the_pendulum_end_to_end() {
     let shown = text(&out.stdout);
     assert!(shown.contains("EIP set") && shown.contains("1.153616"), "{shown}");
     assert!(shown.lines().all(|l| l.chars().count() <= 80), "{shown}");
-    let files = ["eip.json", "eip.svg", "manifest.json", "upsilon.parquet"];
+    let files = ["eip.json", "eip.svg", "manifest.json", "report.html", "upsilon.parquet"];
     assert_eq!(names(&a), files);
 
     let json = run(&["eip", &file, "--json", "--threads", "3", "--out", b.to_str().unwrap()]);
@@ -222,11 +222,34 @@ fn the_pendulum_end_to_end() {
         mmae::report::write::sha256(&fs::read(&file).unwrap())
     );
     let listed = manifest["files"].as_array().unwrap();
-    assert_eq!(listed.len(), 3);
+    assert_eq!(listed.len(), 4);
     for entry in listed {
         let bytes = fs::read(b.join(entry["name"].as_str().unwrap())).unwrap();
         assert_eq!(entry["sha256"], mmae::report::write::sha256(&bytes));
         assert_eq!(entry["bytes"], bytes.len());
+    }
+}
+
+/// Everything is inside: title and scenario as text, the picture, the tables.
+#[test]
+fn the_report_needs_nothing_else() {
+    let dir = scratch("report");
+    let title = "title = \"<script>alert('1')</script> & more\"";
+    let old = "title = \"Inverted pendulum, length unknown\"";
+    let file = changed(&dir, &[(old, title), ("points = 401", "points = 41")]);
+    let out = dir.join("out");
+    let done = run(&["eip", &file, "--out", out.to_str().unwrap()]);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let report = fs::read_to_string(out.join("report.html")).unwrap();
+    for word in ["<script", " src=", " href=", "@import", "<?xml"] {
+        assert!(!report.contains(word), "{word}");
+    }
+    let svg = fs::read_to_string(out.join("eip.svg")).unwrap();
+    let curves = svg.matches("<path").count();
+    assert!(curves > 4 && report.matches("<path").count() == curves);
+    let sha = mmae::report::write::sha256(&fs::read(out.join("eip.json")).unwrap());
+    for word in ["&lt;script&gt;alert(", "1.153616", "Upsilon at the nominal values", &sha] {
+        assert!(report.contains(word), "{word}");
     }
 }
 
@@ -432,6 +455,9 @@ mod unix {
         assert!(names(&out).iter().all(|n| n.starts_with(".mmae")), "{:?}", names(&out));
         let again = run(&["eip", &example("pendulum"), "--out", out.to_str().unwrap()]);
         assert_eq!(again.status.code(), Some(0), "{}", text(&again.stderr));
-        assert_eq!(names(&out), ["eip.json", "eip.svg", "manifest.json", "upsilon.parquet"]);
+        assert_eq!(
+            names(&out),
+            ["eip.json", "eip.svg", "manifest.json", "report.html", "upsilon.parquet"]
+        );
     }
 }

@@ -54,7 +54,7 @@ pub(super) struct EipArguments {
     /// The scenario
     #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
-    /// Also write eip.json, upsilon.parquet, eip.svg and manifest.json there
+    /// Also write eip.json, upsilon.parquet, eip.svg, report.html and manifest.json there
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print JSON in place of the tables
@@ -170,7 +170,8 @@ pub(super) struct RunArguments {
     /// The scenario, with [bank], [run] and perhaps [weighting] and [truth]
     #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
-    /// Also write run.json, weights.svg, errors.svg, trial.svg and manifest.json there
+    /// Also write run.json, weights.svg, errors.svg, trial.svg, report.html and manifest.json
+    /// there
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print JSON in place of the tables

@@ -12,11 +12,11 @@ use super::signals::Signals;
 use crate::eip::{Case, EipSets};
 use crate::error::Error;
 use crate::par::RunControl;
-use crate::report::write::{MANIFEST, Output};
-use crate::report::{figure, json, summary, table, text};
+use crate::report::write::{MANIFEST, Output, REPORT};
+use crate::report::{figure, html, json, summary, table, text};
 use crate::scenario::Scenario;
 
-const FILES: [&str; 4] = ["eip.json", "upsilon.parquet", "eip.svg", MANIFEST];
+const FILES: [&str; 5] = ["eip.json", "upsilon.parquet", "eip.svg", REPORT, MANIFEST];
 /// Messages of one kind, at most.
 const MANY: usize = 4;
 
@@ -170,6 +170,10 @@ fn save(
     add(FILES[0], &mut |out| json::write(sets, out))?;
     add(FILES[1], &mut |out| table::write(sets, out).map_err(io::Error::other))?;
     add(FILES[2], &mut |out| figure::write(sets, out))?;
+    let (subtitle, text) = (summary::scope(sets), output::scenario(&args.file));
+    let manifest = clock.manifest(&args.file, threads(args), output.written())?;
+    let page = html::study(sets, &subtitle, &text, &manifest);
+    output.add(REPORT, |out| html::write(&page, out))?;
     let manifest = clock.manifest(&args.file, threads(args), output.written())?;
     output.add(MANIFEST, |out| manifest.write(out))?;
     if signals.raised() {

@@ -1,9 +1,16 @@
 //! The standard output, and writers that stop at a signal.
 
 use std::io::{self, BufWriter, ErrorKind, Write};
+use std::path::Path;
 
 use super::failure::Failure;
 use super::signals::Signals;
+
+/// The text of a scenario that was read already, for a report.
+pub(super) fn scenario(file: &Path) -> String {
+    // a file that went away meanwhile shows nothing; the manifest fails then
+    String::from_utf8_lossy(&std::fs::read(file).unwrap_or_default()).into_owned()
+}
 
 /// Writes to the standard output; a reader that went away (`| head -1`) is no
 /// failure.

@@ -9,6 +9,7 @@ pub(crate) mod layout;
 mod number;
 
 pub mod figure;
+pub mod html;
 pub mod json;
 pub mod lock;
 pub mod manifest;

@@ -171,6 +171,22 @@ pub fn convention(convention: Convention) -> String {
     }
 }
 
+/// `EIP sets for L in [0.9, 1.9]: 401 plants, 4 models, Ito convention.`
+pub fn scope(sets: &EipSets) -> String {
+    let axis = |(name, axis): &(String, Axis)| {
+        let (from, to) = ends(axis);
+        format!("{name} in [{}, {}]", super::plain(from), super::plain(to))
+    };
+    let axes: Vec<String> = sets.grid.axes().iter().map(axis).collect();
+    format!(
+        "EIP sets for {}: {}, {}, {}.",
+        axes.join(", "),
+        count(sets.grid.len(), "plant"),
+        count(sets.models.len(), "model"),
+        convention(sets.convention),
+    )
+}
+
 /// `20 ms`: a delay in the unit that reads best.
 pub fn delay(seconds: f64) -> String {
     let digits = |scale: f64| super::significant(seconds * scale, 12);

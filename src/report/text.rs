@@ -45,28 +45,10 @@ pub fn render(sets: &EipSets) -> String {
 }
 
 fn heading(out: &mut String, sets: &EipSets) {
-    let axes: Vec<String> = sets
-        .grid
-        .axes()
-        .iter()
-        .map(|(name, axis)| {
-            let (from, to) = summary::ends(axis);
-            format!("{name} in [{}, {}]", plain(from), plain(to))
-        })
-        .collect();
     if let Some(title) = &sets.title {
         line(out, &shorten(title, 3 * WIDTH));
     }
-    line(
-        out,
-        &format!(
-            "EIP sets for {}: {}, {}, {}.",
-            axes.join(", "),
-            count(sets.grid.len(), "plant"),
-            count(sets.models.len(), "model"),
-            summary::convention(sets.convention),
-        ),
-    );
+    line(out, &summary::scope(sets));
 }
 
 fn models(out: &mut String, sets: &EipSets, case: &Case) {

@@ -15,6 +15,8 @@ use crate::report::lock::Lock;
 
 /// The file that completes a directory.
 pub const MANIFEST: &str = "manifest.json";
+/// The result for people, in one file.
+pub const REPORT: &str = "report.html";
 /// Temporary names start so, and end in `.tmp`.
 const TEMPORARY: &str = ".mmae-";
 

@@ -1,5 +1,6 @@
 //! `mmae run`: Monte-Carlo trials of a bank.
 
+mod page;
 mod save;
 mod show;
 

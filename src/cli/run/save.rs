@@ -4,19 +4,21 @@ use super::super::arguments::RunArguments;
 use super::super::clock::Clock;
 use super::super::course::{self, Course};
 use super::super::failure::Failure;
-use super::super::output::Watch;
+use super::super::output::{self, Watch};
 use super::super::signals::Signals;
+use super::page;
 use super::show;
 use crate::engine::Mmae;
 use crate::par::RunControl;
 use crate::report::figure;
+use crate::report::html::{self, Page};
 use crate::report::timeline::{Bands, Layer, Panel, Stack, Timeline, Track};
-use crate::report::write::{MANIFEST, Output};
+use crate::report::write::{MANIFEST, Output, REPORT};
 use crate::scenario::{Scenario, Simulation};
 use crate::sim::{Measurement, Moment, MonteCarlo, Summary};
 
-pub(super) const FILES: [&str; 5] =
-    ["run.json", "weights.svg", "errors.svg", "trial.svg", MANIFEST];
+pub(super) const FILES: [&str; 6] =
+    ["run.json", "weights.svg", "errors.svg", "trial.svg", REPORT, MANIFEST];
 
 /// Times that a picture wants at least.
 const POINTS: u64 = 100;
@@ -71,16 +73,29 @@ impl Results<'_> {
             return Err(Failure::Cancelled);
         }
         written.map_err(Failure::from)?;
-        let weights = self.weights(&control);
-        output.add(FILES[1], |out| figure::write_timeline(&weights, out))?;
-        let errors = self.errors();
-        output.add(FILES[2], |out| figure::write_stack(&errors, out))?;
-        let trial = self.trial(&control)?;
-        output.add(FILES[3], |out| figure::write_stack(&trial, out))?;
+        let pictures = [
+            figure::timeline_to_string(&self.weights(&control)),
+            figure::stack_to_string(&self.errors()),
+            figure::stack_to_string(&self.trial(&control)?),
+        ];
+        for (name, picture) in FILES[1..].iter().zip(&pictures) {
+            output.add(name, |out| out.write_all(picture.as_bytes()))?;
+        }
         let threads = match self.args.threads {
             0 => std::thread::available_parallelism().map_or(1, Into::into),
             n => n.into(),
         };
+        let (subtitle, text) = (self.bank(), output::scenario(&self.args.file));
+        let manifest = clock.manifest(&self.args.file, threads, output.written())?;
+        let page = Page {
+            title: self.title(),
+            subtitle: &subtitle,
+            figures: page::figures(pictures),
+            tables: page::tables(self.simulation, self.summary),
+            scenario: &text,
+            manifest: &manifest,
+        };
+        output.add(REPORT, |out| html::write(&page, out))?;
         let manifest = clock.manifest(&self.args.file, threads, output.written())?;
         output.add(MANIFEST, |out| manifest.write(out))?;
         if signals.raised() {

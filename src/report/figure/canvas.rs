@@ -150,6 +150,21 @@ pub(super) fn line(x1: f64, y1: f64, x2: f64, y2: f64, color: Color, thickness: 
         .set("stroke-width", thickness)
 }
 
+/// A closed outline, as a piece of a path.
+pub(super) fn outline(points: &[(f64, f64)]) -> String {
+    let mut d = String::new();
+    for (k, (x, y)) in points.iter().enumerate() {
+        d.push_str(&format!("{}{} {}", if k == 0 { "M" } else { "L" }, px(*x), px(*y)));
+    }
+    d + "Z"
+}
+
+/// A rectangle by two opposite corners, as a piece of a path.
+pub(super) fn block([from, to]: [(f64, f64); 2]) -> String {
+    let [x1, y1, x2, y2] = [from.0, from.1, to.0, to.1].map(px);
+    format!("M{x1} {y1}H{x2}V{y2}H{x1}Z")
+}
+
 /// The line through `points`, broken where a coordinate is not finite.
 pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> Option<Path> {
     let mut d = String::new();

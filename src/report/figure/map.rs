@@ -1,7 +1,8 @@
 //! Two parameters: a map of winners, stronger where the margin is larger, parted
 //! by the lines on which two models explain a plant equally well.
 
-use svg::node::Value;
+use std::collections::BTreeMap;
+
 use svg::node::element::{Group, SVG};
 
 use super::canvas::{self, Area, LABEL, NOTE, TITLE, WIDTH};
@@ -9,7 +10,7 @@ use super::contour::{self, Mesh};
 use super::key::dot;
 use super::palette::{Color, GREY, INK};
 use super::scale::Scale;
-use super::shade::{SHADES, levels, shade};
+use super::shade::{SHADES, levels, lightest};
 use crate::eip::EipSets;
 use crate::model::Axis;
 use crate::report::summary;
@@ -156,8 +157,7 @@ impl<'a> Plane<'a> {
         parts.join(", ")
     }
 
-    /// Regions by winner and shade, and the lines between them; equal neighbours
-    /// of a row are one rectangle.
+    /// Regions by winner and shade, and the lines between winners.
     fn regions(&self, levels: &[f64], x: &Scale, y: &Scale) -> Group {
         let axes = self.sets.grid.axes();
         let (columns, xs) = nodes(&axes[0].1, &self.columns, x);
@@ -167,62 +167,61 @@ impl<'a> Plane<'a> {
         let value = |c: usize, r: usize, i: usize| {
             self.sets.cases[0].upsilon[self.plant(columns[c], rows[r]) * models + i]
         };
-        let style = |nodes: &[(usize, usize)]| {
-            let (c, r) = nodes[0];
-            let margins = nodes.iter().map(|&(c, r)| self.margin(columns[c], rows[r]));
-            let mean = margins.sum::<f64>() / nodes.len() as f64;
-            winner(c, r).map(|i| (i, shade(levels, mean)))
-        };
-        let paint = |style: Option<(usize, usize)>| match style {
-            Some((i, s)) => Value::from(Color::of(i).pale(SHADES[s])),
-            None => canvas::UNSTABLE.into(),
-        };
-        let mesh = Mesh { xs: &xs, ys: &ys, winner: &winner, value: &value };
-        // crisp edges: no seams of background between faces
-        let mut faces = Group::new().set("shape-rendering", "crispEdges");
-        let mut d = String::new();
+        let margin = |c: usize, r: usize| self.margin(columns[c], rows[r]);
+        let (xs, ys) = (&xs[..], &ys[..]);
+        let mesh = Mesh { xs, ys, winner: &winner, value: &value, margin: &margin };
+        // a path for each winner and shade
+        let mut faces: BTreeMap<(Option<usize>, usize), String> = BTreeMap::new();
+        let mut lines = String::new();
         for r in 0..ys.len() - 1 {
-            let mut run: Option<(usize, Option<(usize, usize)>)> = None;
-            let whole = |group: Group, (from, style): (usize, _), to: usize| {
-                let (w, h) = (xs[to] - xs[from], ys[r] - ys[r + 1]);
-                let cell = Area { x: xs[from], y: ys[r + 1], w, h };
-                group.add(cell.rectangle().set("fill", paint(style)))
-            };
+            // equal neighbours of a row are one rectangle, begun at a column
+            let mut run: Option<((Option<usize>, usize), usize)> = None;
             for c in 0..xs.len() - 1 {
-                let ring = contour::corners(c, r);
                 let cell = mesh.cell(c, r);
-                let full = cell.lines.is_empty().then(|| style(&ring));
-                if let Some(begun) = run.filter(|(_, style)| full != Some(*style)) {
-                    faces = whole(faces, begun, c);
+                let mut parts = Vec::new();
+                for face in &cell.faces {
+                    let bands = contour::bands(&face.outline, levels);
+                    let key = |band| (face.winner, lightest(levels) + band);
+                    parts.extend(bands.into_iter().map(|(band, outline)| (key(band), outline)));
+                }
+                let key = if let [(key, _)] = &parts[..] { Some(*key) } else { None };
+                if let Some((begun, from)) = run.filter(|(begun, _)| key != Some(*begun)) {
+                    let ends = [(xs[from], ys[r]), (xs[c], ys[r + 1])];
+                    faces.entry(begun).or_default().push_str(&canvas::block(ends));
                     run = None;
                 }
-                if let Some(style) = full {
-                    run.get_or_insert((c, style));
+                if let Some(key) = key {
+                    run.get_or_insert((key, c));
                     continue;
                 }
-                for face in &cell.faces {
-                    let (first, count) = face.corners;
-                    let nodes: Vec<_> = (first..first + count).map(|i| ring[i % 4]).collect();
-                    if let Some(path) = canvas::polyline(face.outline.iter().copied()) {
-                        faces = faces.add(path.set("fill", paint(style(&nodes))));
-                    }
+                for (key, outline) in parts {
+                    faces.entry(key).or_default().push_str(&canvas::outline(&outline));
                 }
                 for [from, to] in &cell.lines {
                     let [x1, y1, x2, y2] = [from.0, from.1, to.0, to.1].map(canvas::px);
-                    d.push_str(&format!("M{x1} {y1}L{x2} {y2}"));
+                    lines.push_str(&format!("M{x1} {y1}L{x2} {y2}"));
                 }
             }
-            if let Some(begun) = run {
-                faces = whole(faces, begun, xs.len() - 1);
+            if let Some((begun, from)) = run {
+                let ends = [(xs[from], ys[r]), (xs[xs.len() - 1], ys[r + 1])];
+                faces.entry(begun).or_default().push_str(&canvas::block(ends));
             }
         }
-        let mut group = Group::new().add(faces);
-        if !d.is_empty() {
-            let path = svg::node::element::Path::new().set("d", d).set("fill", "none");
-            let path = path.set("stroke", INK).set("stroke-width", 1.6);
-            group = group.add(path.set("stroke-linecap", "round"));
+        let mut group = Group::new();
+        for ((owner, shade), d) in faces {
+            let path = svg::node::element::Path::new().set("d", d);
+            group = group.add(match owner {
+                Some(i) => {
+                    let color = Color::of(i).pale(SHADES[shade]);
+                    // a thin line hides the seams between faces
+                    path.set("fill", color).set("stroke", color).set("stroke-width", 0.6)
+                }
+                None => path.set("fill", canvas::UNSTABLE),
+            });
         }
-        group
+        let path = svg::node::element::Path::new().set("d", lines).set("fill", "none");
+        let path = path.set("stroke", INK).set("stroke-width", 1.6);
+        group.add(path.set("stroke-linecap", "round"))
     }
 
     /// Hatch over the cells whose winner depends on the delay.

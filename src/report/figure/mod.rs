@@ -62,10 +62,24 @@ pub fn write_stack(run: &Stack, mut out: impl Write) -> io::Result<()> {
     out.write_all(b"\n")
 }
 
+/// The picture as text, as [`write_timeline`] writes it.
+pub fn timeline_to_string(run: &Timeline) -> String {
+    text(|bytes| write_timeline(run, bytes))
+}
+
+/// The picture as text, as [`write_stack`] writes it.
+pub fn stack_to_string(run: &Stack) -> String {
+    text(|bytes| write_stack(run, bytes))
+}
+
 /// The picture as text, as [`write()`] writes it.
 pub fn to_string(sets: &EipSets) -> String {
+    text(|bytes| write(sets, bytes))
+}
+
+fn text(fill: impl FnOnce(&mut Vec<u8>) -> io::Result<()>) -> String {
     let mut bytes = Vec::new();
     // writing to memory does not fail, and SVG text is UTF-8
-    let _ = write(sets, &mut bytes);
+    let _ = fill(&mut bytes);
     String::from_utf8(bytes).unwrap_or_default()
 }

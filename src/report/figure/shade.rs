@@ -5,11 +5,10 @@ use crate::report::number::decade;
 /// Shades of a colour, from the smallest margin to the largest.
 pub(super) const SHADES: [f64; 5] = [0.78, 0.6, 0.4, 0.2, 0.0];
 
-/// Index into [`SHADES`] of a margin, given increasing levels.
-pub(super) fn shade(levels: &[f64], margin: f64) -> usize {
-    let first = SHADES.len() - 1 - levels.len();
-    // an infinite margin (one model) has the full colour
-    first + levels.iter().filter(|level| margin >= **level).count()
+/// Index into [`SHADES`] of margins below the first of increasing levels; those
+/// above the last have the full colour.
+pub(super) fn lightest(levels: &[f64]) -> usize {
+    SHADES.len() - 1 - levels.len()
 }
 
 /// Up to four round numbers that part the sorted margins evenly.

@@ -234,7 +234,8 @@ pub(super) enum LawName {
 #[command(after_help = EXIT_CODES)]
 #[command(group = clap::ArgGroup::new("wanted").multiple(false))]
 pub(super) struct PlaceArguments {
-    /// The scenario, with [bank] and [eip] in one parameter
+    /// The scenario, with [bank] and [eip]; with several parameters in its grid the nominal values
+    /// descend to a minimum of the mean excess
     #[arg(value_name = "FILE")]
     pub(super) file: PathBuf,
     /// So many cells of equal width; the number of models by default
@@ -252,12 +253,18 @@ pub(super) struct PlaceArguments {
     /// As few cells of equal width as keep the excess within this bound
     #[arg(long, value_name = "E", group = "wanted", allow_negative_numbers = true)]
     pub(super) excess: Option<f64>,
+    /// As few cells of equal width as keep the state-error penalty within this bound
+    #[arg(long, value_name = "E", group = "wanted", allow_negative_numbers = true)]
+    pub(super) penalty: Option<f64>,
     /// The first nominal value; the one of smallest worst excess by default
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub(super) anchor: Option<f64>,
     /// Print JSON in place of the table
     #[arg(long)]
     pub(super) json: bool,
+    /// Also draw the sets before and after there, an SVG file (one parameter)
+    #[arg(long, value_name = "FILE")]
+    pub(super) picture: Option<PathBuf>,
     /// Also write the scenario with the new nominal values there
     #[arg(long, value_name = "FILE")]
     pub(super) out: Option<PathBuf>,

@@ -1,6 +1,5 @@
 //! A record or a trial along time, as pictures need it.
 
-use crate::eip::{Study, Verify};
 use crate::engine::Mmae;
 use crate::model::Names;
 use crate::par::RunControl;
@@ -130,7 +129,7 @@ pub(super) fn boundaries(
         return Vec::new();
     }
     let Ok(study) = scenario.study() else { return Vec::new() };
-    let study = Study { verify: Verify::None, ..study };
+    let study = study.bare();
     let one = matches!(study.grid.axes(), [(name, _)] if name == parameter);
     if !one || study.cost().map_or(true, |cost| cost.flops > CHEAP) {
         return Vec::new();

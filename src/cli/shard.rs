@@ -22,7 +22,14 @@ pub(super) fn run(args: &EipArguments, signals: &Signals) -> Result<(), Failure>
     }
     let explain = |e: crate::Error| Failure::from(scenario.explain(e));
     let options = Options { block: args.block.map(Into::into), refine: args.refine };
-    let plan = Plan::new(scenario.study()?, &bytes, scenario.seed(), options).map_err(explain)?;
+    let study = scenario.study()?;
+    if study.unmodelled.is_some() || study.delay_interval.is_some() || study.law.is_some() {
+        say(
+            "note",
+            "parts hold the sets alone: actuator.W, eip.delay_interval and [weighting] need the study at once",
+        );
+    }
+    let plan = Plan::new(study, &bytes, scenario.seed(), options).map_err(explain)?;
     let Some(dir) = &args.out else { return Err(Failure::Cancelled) };
     let mode = match (args.resume, args.force) {
         (true, _) => Mode::Resume,

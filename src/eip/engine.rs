@@ -43,7 +43,7 @@ pub(crate) struct Engine<'a> {
     setup: &'a Setup,
     pub(crate) delay: f64,
     /// Frequency scale of loop and observers: the Cayley parameter.
-    gamma: f64,
+    pub(crate) gamma: f64,
     doubling: Doubling,
     /// Set where the separable form is used.
     modal: Option<Modal>,
@@ -351,7 +351,7 @@ impl<'a> Engine<'a> {
 
     /// The frequency route; its mesh is that of a plant from the middle of the
     /// grid.
-    fn second_route(&self) -> &Frequency<'a> {
+    pub(crate) fn second_route(&self) -> &Frequency<'a> {
         self.frequency.get_or_init(|| {
             let (setup, grid) = (self.setup, &self.setup.study.grid);
             let built = |index: usize| {

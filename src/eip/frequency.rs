@@ -36,13 +36,13 @@ const KEPT: usize = 1 << 20;
 /// The route for one study and delay.
 pub(crate) struct Frequency<'m> {
     /// Frequency scale of the loop (per sample in discrete time).
-    gamma: f64,
+    pub(super) gamma: f64,
     discrete: bool,
-    models: Vec<&'m PairModel>,
-    mesh: Vec<Interval>,
+    pub(super) models: Vec<&'m PairModel>,
+    pub(super) mesh: Vec<Interval>,
     /// Gains of the models at the nodes of the mesh; empty where they are too
     /// many to keep.
-    gains: Vec<Block>,
+    pub(super) gains: Vec<Block>,
 }
 
 impl<'m> Frequency<'m> {
@@ -90,7 +90,7 @@ impl<'m> Frequency<'m> {
     }
 
     /// Frequencies of the nodes, and the factor `1/pi dw/ds`.
-    fn frequencies(&self, intervals: &[Interval]) -> (Vec<f64>, Vec<f64>) {
+    pub(super) fn frequencies(&self, intervals: &[Interval]) -> (Vec<f64>, Vec<f64>) {
         let nodes = intervals.iter().flat_map(|i| (0..POINTS).map(|k| i.node(k)));
         let map = |s: f64| {
             let left = 1.0 - s;
@@ -106,7 +106,7 @@ impl<'m> Frequency<'m> {
     }
 
     /// Complex numbers of a model's gains `G_i [H_i, B_i]`.
-    fn gain_len(&self) -> usize {
+    pub(super) fn gain_len(&self) -> usize {
         self.models.first().map_or(0, |m| m.C.nrows() * (m.C.nrows() + m.B.ncols()))
     }
 
@@ -122,7 +122,7 @@ impl<'m> Frequency<'m> {
 
     /// `jw`, or `e^{jw}`.
     #[inline(always)]
-    fn variable<T: Real>(&self, w: T) -> Cx<T> {
+    pub(super) fn variable<T: Real>(&self, w: T) -> Cx<T> {
         if self.discrete {
             let (sin, cos) = sin_cos(w);
             Cx::new(cos, sin)
@@ -134,7 +134,7 @@ impl<'m> Frequency<'m> {
 
 /// The frequencies of lane block `g`; missing lanes repeat the last one.
 #[inline(always)]
-fn lane_of<T: Real>(omega: &[f64], g: usize) -> T {
+pub(super) fn lane_of<T: Real>(omega: &[f64], g: usize) -> T {
     let mut lane = [0.0; LANES];
     for (l, w) in lane.iter_mut().enumerate().take(T::LANES) {
         *w = omega[(g * T::LANES + l).min(omega.len() - 1)];
@@ -174,22 +174,32 @@ impl Kernel for KeepGains<'_, '_> {
 }
 
 /// Buffers for the gains of a model, frequencies in lanes.
-struct ModelWork<T> {
+pub(super) struct ModelWork<T> {
     matrix: Vec<Cx<T>>,
     g: Vec<Cx<T>>,
     /// `G [H, B]` row by row, NaN where it has none: a pole on the axis.
-    gain: Vec<Cx<T>>,
+    pub(super) gain: Vec<Cx<T>>,
 }
 
 impl<T: Real> ModelWork<T> {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let (matrix, g, gain) = Default::default();
         Self { matrix, g, gain }
     }
 
+    /// Takes gains that were kept; `flat` is a buffer for one.
+    #[inline(always)]
+    pub(super) fn load(&mut self, blocks: &[Block], group: usize, flat: &mut [T]) {
+        simd::load_group(blocks, group, flat);
+        self.gain.clear();
+        for k in 0..flat.len() / 2 {
+            self.gain.push(Cx::new(flat[2 * k], flat[2 * k + 1]));
+        }
+    }
+
     /// `C (s I - F)^-1 [H, B]`, by the transposed system with the rows of `C`.
     #[inline(always)]
-    fn solve(&mut self, model: &PairModel, s: Cx<T>) {
+    pub(super) fn solve(&mut self, model: &PairModel, s: Cx<T>) {
         let (n, ny, nu) = (model.F.nrows(), model.C.nrows(), model.B.ncols());
         self.matrix.clear();
         self.g.clear();
@@ -255,11 +265,7 @@ impl Kernel for Responses<'_, '_> {
                     work.solve(model, s);
                 } else {
                     let blocks = &kept[first / LANES * size + m * 2 * len..][..2 * len];
-                    simd::load_group(blocks, first % LANES / T::LANES, &mut flat);
-                    work.gain.clear();
-                    for k in 0..len {
-                        work.gain.push(Cx::new(flat[2 * k], flat[2 * k + 1]));
-                    }
+                    work.load(blocks, first % LANES / T::LANES, &mut flat);
                 }
                 let energy = scratch.error_energy(model, &work.gain, block.nw());
                 for l in 0..T::LANES.min(omega.len() - first) {
@@ -271,27 +277,27 @@ impl Kernel for Responses<'_, '_> {
 }
 
 /// Buffers of one lane of frequencies.
-struct Scratch<T: Real> {
+pub(super) struct Scratch<T: Real> {
     /// Lanes whose loop could be solved.
-    ok: T::Mask,
+    pub(super) ok: T::Mask,
     matrix: Vec<Cx<T>>,
     x: Vec<Cx<T>>,
     /// `Y` without the direct noise, rows by noises.
-    y: Vec<Cx<T>>,
+    pub(super) y: Vec<Cx<T>>,
     /// `[Y; U]`, rows by noises.
-    signals: Vec<Cx<T>>,
+    pub(super) signals: Vec<Cx<T>>,
     error: Vec<Cx<T>>,
 }
 
 impl<T: Real> Scratch<T> {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let (matrix, x, y, signals, error) = Default::default();
         Self { ok: T::Mask::splat(false), matrix, x, y, signals, error }
     }
 
     /// Solves the loop at `w`: fills `y` and `signals`.
     #[inline(always)]
-    fn solve_loop(&mut self, block: &LoopBlock, w: T, s: Cx<T>) {
+    pub(super) fn solve_loop(&mut self, block: &LoopBlock, w: T, s: Cx<T>) {
         let (np, nw) = (block.np(), block.nw());
         // e^{-jw tau}
         let shift = block.delayed.as_ref().map(|d| {
@@ -341,6 +347,29 @@ impl<T: Real> Scratch<T> {
                     v.re = v.re + T::splat(direct[(i, j)]);
                     self.signals.push(v);
                 }
+            }
+        }
+    }
+
+    /// Appends the output errors of one model with the given gains, outputs by
+    /// noises.
+    #[inline(always)]
+    pub(super) fn errors_into(
+        &self,
+        model: &PairModel,
+        gain: &[Cx<T>],
+        nw: usize,
+        out: &mut Vec<Cx<T>>,
+    ) {
+        let ny = model.C.nrows();
+        let width = ny + model.B.ncols();
+        for row in 0..ny {
+            for col in 0..nw {
+                let mut e = self.y[row * nw + col];
+                for k in 0..width {
+                    e = gain[row * width + k].neg_mul_add(self.signals[k * nw + col], e);
+                }
+                out.push(e);
             }
         }
     }

@@ -10,26 +10,35 @@ mod delay;
 mod doubling;
 mod engine;
 mod frequency;
+mod identify;
 mod judge;
 mod modal;
+mod penalty;
 mod place;
 mod quadrature;
 mod refine;
 mod result;
+mod robust;
 mod root;
 mod run;
+mod scatter;
 mod sets;
 mod setup;
 mod slabs;
 mod sparse;
 mod study;
+mod sweep;
 
 pub use crate::observer::ModelSet as Bank;
 pub use blocks::{Block, Blocks};
+pub use identify::{Band, Identification, Lemma, Outcome, OutcomeKind, Stretch, WeightLaw};
 pub use place::{Cells, Placement};
 pub use result::{
     Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Model, Undecidable,
     Undecided, Unstable,
 };
+pub use robust::{Found, Inner, Peak, Robust, Uncertain};
+pub use scatter::Scatter;
 pub use setup::Setup;
 pub use study::{Cost, Study, Verify};
+pub use sweep::DelaySweep;

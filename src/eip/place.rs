@@ -1,7 +1,8 @@
 //! Nominal values whose EIP sets are the ones wanted, one parameter.
 
+use crate::eip::Study;
+use crate::eip::penalty::state_penalty;
 use crate::eip::root::{self, Bracket};
-use crate::eip::{Study, Verify};
 use crate::error::{Error, Result};
 use crate::model::{Axis, Grid};
 use crate::par::RunControl;
@@ -22,6 +23,8 @@ pub enum Cells {
     Edges(Vec<f64>),
     /// As few of equal width as keep the largest excess within a bound.
     Within(f64),
+    /// As few of equal width as keep the largest state-error penalty within a bound.
+    Penalty(f64),
 }
 
 /// Nominal values and what they are worth.
@@ -44,6 +47,14 @@ pub struct Placement {
     /// min_i Upsilon_i(kappa) - Upsilon_kappa(kappa)
     /// ```
     pub excess: Vec<f64>,
+    /// State-error penalty at the same points: how much larger the state error of
+    /// the winner is than that of a model of the very plant, in the metric of the
+    /// latter.
+    ///
+    /// ```text
+    /// tr(P_kappa^-1 E[e_i e_i'])/n - 1,   e_i = x - x_hat_i
+    /// ```
+    pub penalty: Vec<f64>,
     /// `d kappa_i / d kappa_1` as the edges stay.
     pub sensitivity: Vec<f64>,
     /// The first nominal values for which each nominal value lies in its own cell.
@@ -110,13 +121,14 @@ impl Study {
             Cells::Count(0) => return Err(range("number of cells", 0.0, "give at least one")),
             Cells::Count(count) => (equal(*count), None),
             Cells::Edges(edges) => (edges.clone(), None),
-            Cells::Within(bound) => {
+            Cells::Within(bound) | Cells::Penalty(bound) => {
+                let of_state = matches!(cells, Cells::Penalty(_));
                 if !(*bound > 0.0 && bound.is_finite()) {
                     let remedy = "give a number above zero";
                     return Err(range("bound on the excess", *bound, remedy));
                 }
                 // more cells leave less: double, then halve the gap
-                let attempt = |count: usize| placer.within(&equal(count), *bound);
+                let attempt = |count: usize| placer.within(&equal(count), *bound, of_state);
                 let (mut few, mut enough) = (0, 1);
                 let mut found = attempt(enough)?;
                 while found.is_none() && enough < MOST {
@@ -148,6 +160,7 @@ impl Study {
         let sensitivity = placer.sensitivity(&edges, first, feasible)?;
         Ok(Placement {
             excess: placer.excess(&edges, &nominals)?,
+            penalty: placer.penalty(&edges, &nominals)?,
             edges: placer.boundaries(self, &nominals)?,
             parameter: placer.name.clone(),
             domain: placer.domain,
@@ -186,7 +199,7 @@ impl<'a> Placer<'a> {
         if domain[0] >= domain[1] {
             return conflict("a grid of one value", "give the range of the parameter");
         }
-        let study = Study { verify: Verify::None, ..study.clone() };
+        let study = study.bare();
         let control = RunControl { progress: None, ..*control };
         Ok(Self { study, name: name.clone(), control, domain })
     }
@@ -203,14 +216,21 @@ impl<'a> Placer<'a> {
         Ok(())
     }
 
-    /// Upsilon of models at `nominals` with the plant at `plant`; nothing where
-    /// there is no number.
-    fn upsilon(&self, plant: f64, nominals: &[f64]) -> Result<Vec<Option<f64>>> {
+    /// The study of one plant with models at `nominals`.
+    fn with(&self, plant: f64, nominals: &[f64]) -> Study {
         let mut study = self.study.clone();
         study.bank.models = nominals.iter().map(|&v| vec![v]).collect();
         study.bank.labels = Vec::new();
-        study.grid = Grid::new(vec![(self.name.clone(), Axis::Explicit(vec![plant]))])?;
-        let sets = match study.run(&self.control) {
+        if let Ok(grid) = Grid::new(vec![(self.name.clone(), Axis::Explicit(vec![plant]))]) {
+            study.grid = grid; // one finite value is a grid
+        }
+        study
+    }
+
+    /// Upsilon of models at `nominals` with the plant at `plant`; nothing where
+    /// there is no number.
+    fn upsilon(&self, plant: f64, nominals: &[f64]) -> Result<Vec<Option<f64>>> {
+        let sets = match self.with(plant, nominals).run(&self.control) {
             Err(Error::AllFailed { .. }) => return Ok(vec![None; nominals.len()]),
             sets => sets?,
         };
@@ -259,11 +279,12 @@ impl<'a> Placer<'a> {
     }
 
     /// The canonical first nominal value, if it keeps the excess within `bound`.
-    fn within(&self, edges: &[f64], bound: f64) -> Result<Option<f64>> {
+    fn within(&self, edges: &[f64], bound: f64, of_state: bool) -> Result<Option<f64>> {
         let first = self.canonical(edges, self.feasible(edges, None)?)?;
         let Some(nominals) = self.chain(edges, first)? else { return Ok(None) };
-        let excess = self.excess(edges, &nominals)?;
-        Ok(excess.iter().all(|e| *e <= bound).then_some(first))
+        let cost =
+            if of_state { self.penalty(edges, &nominals)? } else { self.excess(edges, &nominals)? };
+        Ok(cost.iter().all(|e| *e <= bound).then_some(first))
     }
 
     /// True if each nominal value lies in its own cell.
@@ -312,11 +333,30 @@ impl<'a> Placer<'a> {
         Err(range("first edge", cell[1], remedy))
     }
 
+    /// The ends of the cells.
+    fn ends(&self, edges: &[f64]) -> Vec<f64> {
+        [&self.domain[..1], edges, &self.domain[1..]].concat()
+    }
+
+    /// State-error penalty at the ends of the cells: an edge is charged for the
+    /// worse of its two models.
+    fn penalty(&self, edges: &[f64], nominals: &[f64]) -> Result<Vec<f64>> {
+        let delay = self.study.delays.first().copied().unwrap_or(0.0);
+        let last = nominals.len() - 1;
+        let at = |(k, plant): (usize, f64)| -> Result<f64> {
+            let sides = [k.saturating_sub(1).min(last), k.min(last)];
+            let setup =
+                self.with(plant, &[nominals[sides[0]], nominals[sides[1]], plant]).prepare()?;
+            let theta = setup.theta_at(&[plant]);
+            let one = |i: usize| state_penalty(&setup, &theta, delay, [i, 2]);
+            Ok(one(0)?.max(one(1)?))
+        };
+        self.ends(edges).into_iter().enumerate().map(at).collect()
+    }
+
     /// Excess at the ends of the cells.
     fn excess(&self, edges: &[f64], nominals: &[f64]) -> Result<Vec<f64>> {
-        let mut points = vec![self.domain[0]];
-        points.extend(edges);
-        points.push(self.domain[1]);
+        let points = self.ends(edges);
         let last = nominals.len() - 1;
         let at = |(i, &plant): (usize, &f64)| {
             let values = self.upsilon(plant, &[nominals[i.min(last)], plant])?;
@@ -371,7 +411,7 @@ impl<'a> Placer<'a> {
 
     /// The boundaries of the whole study with these nominal values.
     fn boundaries(&self, study: &Study, nominals: &[f64]) -> Result<Vec<f64>> {
-        let mut study = study.clone();
+        let mut study = Study { verify: study.verify, ..study.bare() };
         study.bank.models = nominals.iter().map(|&v| vec![v]).collect();
         study.bank.labels = Vec::new();
         let sets = study.run(&self.control)?;

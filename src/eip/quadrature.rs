@@ -49,6 +49,8 @@ const MAX_INTERVALS: usize = 4096;
 pub(crate) struct Integral {
     pub(crate) value: f64,
     pub(crate) error: f64,
+    /// Integral of the modulus: `value` where the function is not negative.
+    pub(crate) size: f64,
 }
 
 /// An interval of [0, 1], and how often it was halved.
@@ -66,6 +68,11 @@ impl Interval {
         let at = k.min(POINTS - 1 - k);
         if k == at { middle - half * NODES[at] } else { middle + half * NODES[at] }
     }
+
+    /// Weight of node `k`.
+    pub(crate) fn weight(&self, k: usize) -> f64 {
+        0.5 * (self.to - self.from) * KRONROD[k.min(POINTS - 1 - k)]
+    }
 }
 
 /// Intervals to start from when nothing is known.
@@ -74,8 +81,8 @@ pub(crate) fn even_mesh() -> Vec<Interval> {
     (0..FIRST).map(|k| Interval { from: at(k), to: at(k + 1), depth: 0 }).collect()
 }
 
-/// Integrals of `width` functions over `mesh`, each to about `tolerance`
-/// relative (none is negative), and the mesh that it took.
+/// Integrals of `width` functions over `mesh`, each to about `tolerance` of the
+/// integral of its modulus, and the mesh that it took.
 ///
 /// `evaluate(intervals, values)` appends the values at their nodes: intervals by
 /// nodes by functions. It is called for the whole mesh first.
@@ -96,11 +103,11 @@ pub(crate) fn integrate(
         }
         done.sort_by(|p, q| p.interval.from.total_cmp(&q.interval.from));
         let total = totals(&done, width);
-        let enough = total.iter().all(|t| t.error <= tolerance * t.value);
+        let enough = total.iter().all(|t| t.error <= tolerance * t.size);
         let share = 0.5 * tolerance / done.len() as f64;
         let splits = |p: &Panel| {
             p.interval.depth < DEPTH
-                && p.integrals.iter().zip(&total).any(|(i, t)| i.error > share * t.value)
+                && p.integrals.iter().zip(&total).any(|(i, t)| i.error > share * t.size)
         };
         if enough || done.len() >= MAX_INTERVALS || !done.iter().any(splits) {
             return (total, done.iter().map(|p| p.interval).collect());
@@ -131,10 +138,11 @@ impl Panel {
         let integrals = (0..width)
             .map(|i| {
                 let f = |k: usize| values[k * width + i];
-                let (mut kronrod, mut gauss) = (0.0, 0.0);
+                let (mut kronrod, mut gauss, mut size) = (0.0, 0.0, 0.0);
                 for k in 0..POINTS {
                     let at = k.min(POINTS - 1 - k);
                     kronrod += KRONROD[at] * f(k);
+                    size += KRONROD[at] * f(k).abs();
                     if at % 2 == 1 {
                         gauss += GAUSS[at / 2] * f(k);
                     }
@@ -148,7 +156,7 @@ impl Panel {
                 } else {
                     difference
                 };
-                Integral { value: kronrod * half, error: error * half }
+                Integral { value: kronrod * half, error: error * half, size: size * half }
             })
             .collect();
         Self { interval, integrals }
@@ -158,9 +166,11 @@ impl Panel {
 fn totals(panels: &[Panel], width: usize) -> Vec<Integral> {
     (0..width)
         .map(|i| {
-            panels.iter().fold(Integral { value: 0.0, error: 0.0 }, |t, p| Integral {
+            let zero = Integral { value: 0.0, error: 0.0, size: 0.0 };
+            panels.iter().fold(zero, |t, p| Integral {
                 value: t.value + p.integrals[i].value,
                 error: t.error + p.integrals[i].error,
+                size: t.size + p.integrals[i].size,
             })
         })
         .collect()

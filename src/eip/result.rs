@@ -1,5 +1,6 @@
 //! What an EIP study returns.
 
+use crate::eip::{DelaySweep, Identification, Robust};
 use crate::error::{Eigenvalue, Error};
 use crate::model::Grid;
 
@@ -244,6 +245,12 @@ pub struct EipSets {
     pub at_nominals: Vec<f64>,
     /// How the couplings were computed.
     pub method: Method,
+    /// What holds for every unmodelled actuator, if the study bounds it.
+    pub robust: Option<Robust>,
+    /// Where a delay matters that is only known to an interval.
+    pub delay_sweep: Option<DelaySweep>,
+    /// What the weights settle on, if the study says how the bank is weighed.
+    pub identification: Option<Identification>,
 }
 
 impl EipSets {

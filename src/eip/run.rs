@@ -7,7 +7,7 @@ use crate::eip::judge::{CHUNK, Checked, Judge};
 use crate::eip::refine::Refiner;
 use crate::eip::sets::{self, Verdict};
 use crate::eip::setup::Setup;
-use crate::eip::{Case, EipSets, Interval};
+use crate::eip::{Case, EipSets, Interval, identify, robust, sweep};
 use crate::error::Result;
 use crate::par::{RunControl, try_map_chunks};
 
@@ -15,6 +15,15 @@ use crate::par::{RunControl, try_map_chunks};
 pub(crate) fn run(setup: &Setup, control: &RunControl<'_>) -> Result<EipSets> {
     let study = &setup.study;
     let delays = if study.delays.is_empty() { vec![0.0] } else { study.delays.clone() };
+    if let Some(bound) = &study.unmodelled {
+        robust::check(setup, bound)?;
+    }
+    if let Some(interval) = study.delay_interval {
+        sweep::check(setup, interval)?;
+    }
+    if let Some(law) = study.law {
+        identify::check(setup, law)?;
+    }
     let (mut cases, mut lines) = (Vec::new(), Vec::new());
     let mut first_judge = None;
     let progress = Progress::new(setup, control, delays.len());
@@ -32,6 +41,18 @@ pub(crate) fn run(setup: &Setup, control: &RunControl<'_>) -> Result<EipSets> {
     } else {
         Vec::new()
     };
+    let silent = RunControl { progress: None, ..*control };
+    let (mut robust, mut delay_sweep) = (None, None);
+    if let (Some(bound), Some(judge)) = (&study.unmodelled, &first_judge) {
+        robust = Some(robust::analyse(setup, &judge.engine, &cases[0], bound, &silent)?);
+    }
+    if let Some(interval) = study.delay_interval {
+        delay_sweep = Some(sweep::run(setup, interval, delays[0], &silent)?);
+    }
+    let identification = match study.law {
+        Some(law) => Some(identify::analyse(setup, &cases[0], law, &silent)?),
+        None => None,
+    };
     let (mut at_nominals, mut method) = (Vec::new(), crate::eip::Method::Doubling);
     if let Some(judge) = &first_judge {
         let doubt = cases[0].replaced > 0 || !cases[0].undecided.is_empty();
@@ -48,10 +69,14 @@ pub(crate) fn run(setup: &Setup, control: &RunControl<'_>) -> Result<EipSets> {
         undecidable,
         at_nominals,
         method,
+        robust,
+        delay_sweep,
+        identification,
     })
 }
 
-type Line = Vec<(Interval, Verdict)>;
+/// Stretches of one parameter with their verdict.
+pub(crate) type Line = Vec<(Interval, Verdict)>;
 
 /// Progress of a run in plants: those of the grid, and as many as the search
 /// for boundaries costs.
@@ -106,6 +131,13 @@ impl CaseProgress<'_> {
         let progress = of.control.progress.map(|_| &report as _);
         work(&RunControl { progress, ..*of.control })
     }
+}
+
+/// The stretches of one delay alone.
+pub(crate) fn line(setup: &Setup, delay: f64, control: &RunControl<'_>) -> Result<Line> {
+    let progress = Progress::new(setup, control, 1);
+    let of_case = CaseProgress { of: &progress, case: 0 };
+    Ok(run_case(setup, &mut Judge::new(setup, delay)?, &of_case)?.1)
 }
 
 fn run_case(

@@ -41,6 +41,13 @@ pub(crate) struct PairModel {
     matched_offset: f64,
 }
 
+impl PairModel {
+    /// `ln det S` of a discrete filter.
+    pub(crate) fn ln_det_innovation(&self) -> Option<f64> {
+        self.innovation.as_ref().map(|(_, ln_det)| *ln_det)
+    }
+}
+
 /// A prepared study: [`Study::prepare`].
 ///
 /// Holds the designed observers and all that is the same for every plant.

@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use crate::eip::setup::Setup;
-use crate::eip::{Convention, EipSets, Method};
+use crate::eip::{Convention, EipSets, Method, WeightLaw};
 use crate::error::{Error, Result};
-use crate::model::{Family, Grid, Surroundings};
+use crate::model::{ActuatorBound, Family, Grid, Surroundings};
 use crate::observer::ModelSet;
 use crate::par::RunControl;
 
@@ -62,6 +62,14 @@ pub struct Study {
     pub convention: Convention,
     /// Actuator delays in seconds; empty means no delay.
     pub delays: Vec<f64>,
+    /// Bound on the unmodelled dynamics of the actuator, about the first delay:
+    /// the sets that hold for all of them are computed as well.
+    pub unmodelled: Option<ActuatorBound>,
+    /// Shortest and longest actuator delay in seconds, between which it is not
+    /// known: where that matters is computed as well (one parameter, continuous).
+    pub delay_interval: Option<[f64; 2]>,
+    /// How the bank is weighed: what its weights settle on is told as well.
+    pub law: Option<WeightLaw>,
     /// How much is computed twice.
     pub verify: Verify,
     /// Force a method; `None` lets the cost model choose.
@@ -86,9 +94,25 @@ impl Study {
             grid,
             convention,
             delays: Vec::new(),
+            unmodelled: None,
+            delay_interval: None,
+            law: None,
             verify: Verify::Auto,
             method: None,
             memory_limit: 4 << 30,
+        }
+    }
+
+    /// The study of the sets alone, computed once: no second route, nothing on
+    /// unmodelled actuators, delay intervals and weights.
+    #[must_use]
+    pub fn bare(&self) -> Self {
+        Self {
+            verify: Verify::None,
+            unmodelled: None,
+            delay_interval: None,
+            law: None,
+            ..self.clone()
         }
     }
 

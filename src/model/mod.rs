@@ -16,6 +16,7 @@ mod loop_block;
 mod plant;
 mod shaping;
 pub mod systems;
+mod unmodelled;
 
 pub(crate) use check::check_count;
 pub use check::{check_covariance, check_finite, check_shape};
@@ -27,3 +28,4 @@ pub use grid::{Axis, Grid};
 pub use loop_block::{DelayForm, Delayed, LoopBlock, Surroundings, block_states};
 pub use plant::{Controller, Names, Plant, Time};
 pub use shaping::Shaping;
+pub use unmodelled::ActuatorBound;

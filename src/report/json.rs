@@ -8,6 +8,8 @@ use crate::eip::{
     Boundary, Case, Convention, Doubt, EipSets, Failed, Interval, Method, Undecidable, Undecided,
     Unstable,
 };
+use crate::report::identify::IdentificationFields;
+use crate::report::robust::{RobustFields, SweepFields};
 
 /// Name and version of the layout.
 pub const SCHEMA: &str = "mmae.eip/1";
@@ -50,6 +52,12 @@ struct Document<'a> {
     #[serde(flatten)]
     first: Option<CaseFields<'a>>,
     undecidable: Vec<UndecidableFields<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    robust: Option<RobustFields<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    delay_interval: Option<SweepFields<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    identification: Option<IdentificationFields<'a>>,
     upsilon_at_nominals: Rows<'a>,
     pseudo_norm: Vec<Vec<f64>>,
     failures: Vec<Failure>,
@@ -96,6 +104,9 @@ impl<'a> Document<'a> {
             delays: sets.cases.iter().map(|c| c.delay).collect(),
             first: cases.clone().next(),
             undecidable: sets.undecidable.iter().map(UndecidableFields::new).collect(),
+            robust: sets.robust.as_ref().map(RobustFields::new),
+            delay_interval: sets.delay_sweep.as_ref().map(SweepFields::new),
+            identification: sets.identification.as_ref().map(IdentificationFields::new),
             upsilon_at_nominals: Rows { data: &sets.at_nominals, width: n },
             pseudo_norm: sets.pseudo_norms().chunks(n.max(1)).map(<[f64]>::to_vec).collect(),
             failures: failures.collect(),

@@ -5,8 +5,10 @@
 //! are described in the guide, page "results".
 
 pub(crate) mod columns;
+mod identify;
 pub(crate) mod layout;
 mod number;
+mod robust;
 
 pub mod figure;
 pub mod html;

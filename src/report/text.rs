@@ -3,7 +3,7 @@
 use crate::eip::{Case, EipSets, Interval, Method};
 use crate::report::layout::{Table, WIDTH, left, line, right, shorten};
 use crate::report::summary::{self, count, numbers};
-use crate::report::{plain, significant};
+use crate::report::{identify, plain, robust, significant};
 
 /// Routes that differ by more, relative, are told apart in the text.
 const ALIKE: f64 = 1e-6;
@@ -38,6 +38,8 @@ pub fn render(sets: &EipSets) -> String {
         }
     }
     undecidable(&mut out, sets);
+    robust::text(&mut out, sets);
+    identify::text(&mut out, sets);
     bad_models(&mut out, sets);
     pseudo_norm(&mut out, sets);
     routes(&mut out, sets);

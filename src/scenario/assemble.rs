@@ -133,6 +133,7 @@ pub(super) fn read<'a>(
             pade_order: actuator.pade,
         },
         delay: actuator.delay.map_or(0.0, |(delay, _)| delay),
+        unmodelled: actuator.unmodelled,
         bank,
         start,
         explicit: models,

@@ -38,7 +38,9 @@ pub(super) const FILTER: &[&str] = &["states", "A", "B", "C", "Q"];
 /// `[controller]`.
 pub(super) const CONTROLLER: &[&str] = &["A", "B", "C", "D"];
 /// `[actuator]`.
-pub(super) const ACTUATOR: &[&str] = &["delay", "pade"];
+pub(super) const ACTUATOR: &[&str] = &["delay", "pade", "W"];
+/// `W` of `[actuator]`.
+pub(super) const BOUND: &[&str] = &["numerator", "denominator", "A", "B", "C", "D"];
 /// `[bank]`.
 pub(super) const BANK: &[&str] = &[
     "observer", "models", "labels", "shaping", "Q", "R", "gains", "dt", "prior", "x0", "P0",
@@ -80,7 +82,7 @@ pub(super) const WAVE: &[&str] =
 pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every", "measurement"];
 /// `[eip]`.
 pub(super) const EIP: &[&str] =
-    &["grid", "convention", "dt", "delays", "verify", "method", "memory_limit"];
+    &["grid", "convention", "dt", "delays", "delay_interval", "verify", "method", "memory_limit"];
 /// A range of one parameter.
 pub(super) const RANGE: &[&str] = &["from", "to", "points", "step", "scale"];
 

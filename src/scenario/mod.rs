@@ -57,10 +57,11 @@ pub use rewrite::with_models;
 pub use simulation::Simulation;
 pub use template::{Template, template};
 
-use crate::eip::{Bank, Study};
-use crate::engine::Weighting;
-use crate::model::{Family, Surroundings};
+use crate::eip::{Bank, Study, WeightLaw};
+use crate::engine::{Innovation, Mixing, Weighting};
+use crate::model::{ActuatorBound, Family, Surroundings};
 use crate::sim::Signals;
+use crate::weight::Law;
 use explicit::Explicit;
 use places::Places;
 use reader::Reader;
@@ -78,6 +79,7 @@ pub struct Scenario {
     surroundings: Surroundings,
     /// Seconds from the command to the plant.
     delay: f64,
+    unmodelled: Option<ActuatorBound>,
     bank: Option<Bank>,
     explicit: Option<Explicit>,
     start: Option<Start>,
@@ -209,10 +211,35 @@ impl Scenario {
             grid: settings.grid.clone(),
             convention: settings.convention,
             delays: settings.delays.clone(),
+            unmodelled: self.unmodelled.clone(),
+            delay_interval: settings.delay_interval,
+            law: self.law(),
             verify: settings.verify,
             method: settings.method,
             memory_limit: settings.memory_limit,
         })
+    }
+
+    /// What the long run of `[weighting]` depends on; nothing for laws and settings
+    /// whose long run is not described.
+    fn law(&self) -> Option<WeightLaw> {
+        let weighting = self.weighting.as_ref()?;
+        let plain = weighting.mixing == Mixing::None
+            && weighting.modifiers.forgetting == 1.0
+            && weighting.modifiers.clip.is_infinite()
+            && !matches!(weighting.innovation, Innovation::Common(_));
+        if !plain {
+            return None;
+        }
+        match weighting.law {
+            Law::Bayes | Law::Likelihood => Some(WeightLaw::Posterior),
+            Law::Ode { .. } => Some(WeightLaw::Ode),
+            Law::Dwsg { lambda, tempering, .. } => {
+                let dt = self.start.as_ref().and_then(|s| s.dt);
+                Some(WeightLaw::Dwsg { lambda, tempering, dt })
+            }
+            Law::Zhang { .. } => None,
+        }
     }
 
     /// The error for a key that a command needs and the file lacks.
@@ -274,6 +301,7 @@ mod tests {
             keys::FILTER,
             keys::CONTROLLER,
             keys::ACTUATOR,
+            keys::BOUND,
             keys::BANK,
             keys::MODEL,
             keys::MODEL_KOOPMAN,

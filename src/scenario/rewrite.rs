@@ -8,12 +8,17 @@ use super::reader::Reader;
 use super::source::{self, Source};
 use super::{Error, assemble};
 
-/// The text of the scenario at `path` with `bank.models` at `values` of one
-/// parameter, and labels, where it has them, that say so.
+/// The text of the scenario at `path` with `bank.models` at `values`, one list a
+/// model with a value for each of `parameters`, and labels, where it has them, that
+/// say so.
 ///
 /// # Errors
 /// `Read`, `TooLarge`; `Invalid` for a text that is no TOML or has no `[bank]`.
-pub fn with_models(path: &Path, parameter: &str, values: &[f64]) -> Result<String, Error> {
+pub fn with_models(
+    path: &Path,
+    parameters: &[String],
+    values: &[Vec<f64>],
+) -> Result<String, Error> {
     let bytes = source::read(path, source::LIMIT)?;
     let name = path.display().to_string();
     let source = Source::new(&name, &bytes)?;
@@ -28,12 +33,18 @@ pub fn with_models(path: &Path, parameter: &str, values: &[f64]) -> Result<Strin
         let remedy = "add [bank] with models";
         return Err(Error::Invalid(vec![reader.diagnostic(0, "bank.models", what, remedy)]));
     };
-    let list: Vec<String> = values.iter().map(|v| format!("{v:?}")).collect();
-    let key = toml_key(parameter);
-    let mut changes = vec![(models.span(), format!("{{ {key} = [{}] }}", list.join(", ")))];
+    let column = |(k, name): (usize, &String)| {
+        let list: Vec<String> = values.iter().map(|v| format!("{:?}", v[k])).collect();
+        format!("{} = [{}]", toml_key(name), list.join(", "))
+    };
+    let columns: Vec<String> = parameters.iter().enumerate().map(column).collect();
+    let mut changes = vec![(models.span(), format!("{{ {} }}", columns.join(", ")))];
     if let Some(labels) = bank.and_then(|b| b.get("labels")) {
-        let names: Vec<String> =
-            list.iter().map(|v| format!("{:?}", format!("{parameter} = {v}"))).collect();
+        let name = |v: &Vec<f64>| {
+            let each = parameters.iter().zip(v).map(|(n, v)| format!("{n} = {v:?}"));
+            format!("{:?}", each.collect::<Vec<_>>().join(", "))
+        };
+        let names: Vec<String> = values.iter().map(name).collect();
         changes.push((labels.span(), format!("[{}]", names.join(", "))));
     }
     // from the end, so that the places before stay where they are

@@ -21,6 +21,7 @@ pub(super) struct Settings {
     pub(super) grid: Grid,
     pub(super) convention: Convention,
     pub(super) delays: Vec<f64>,
+    pub(super) delay_interval: Option<[f64; 2]>,
     pub(super) verify: Verify,
     pub(super) method: Option<Method>,
     pub(super) memory_limit: u128,
@@ -39,6 +40,10 @@ pub(super) fn read<'a>(
     let grid = parameter_grid(&table, family);
     let convention = convention(&table, family.time);
     let delays = delays(&table);
+    let delay_interval = match table.get("delay_interval") {
+        Some(value) => delay_interval(reader, value).map(Some),
+        None => Some(None),
+    };
     let choices = [("auto", Verify::Auto), ("all", Verify::All), ("none", Verify::None)];
     let verify = match table.get("verify") {
         Some(value) => reader.choice("eip.verify", value, &choices),
@@ -58,6 +63,7 @@ pub(super) fn read<'a>(
         grid: grid?,
         convention: convention?,
         delays: delays?,
+        delay_interval: delay_interval?,
         verify: verify?,
         method: method?,
         memory_limit: memory_limit?,
@@ -152,6 +158,23 @@ fn delays(table: &Table<'_, '_>) -> Option<Vec<f64>> {
         return reader.error(list[i].span().start, &key, message, "keep one");
     }
     Some(delays)
+}
+
+/// The two ends of an interval of delays.
+fn delay_interval<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<[f64; 2]> {
+    let key = "eip.delay_interval";
+    let remedy = "give the shortest and the longest delay in seconds, as in [0, 0.02]";
+    let list = reader.list(key, value, "a list of two delays in seconds")?;
+    let each = |(i, v)| surroundings::delay(reader, &format!("{key}[{i}]"), v);
+    let delays = all(list.iter().enumerate().map(each))?;
+    match delays[..] {
+        [from, to] if from < to => Some([from, to]),
+        [_, _] => reader.error(value.span().start, key, "the delays do not rise", remedy),
+        _ => {
+            let message = format!("{} delays", delays.len());
+            reader.error(value.span().start, key, message, remedy)
+        }
+    }
 }
 
 /// `4294967296` or `"4 GiB"`.

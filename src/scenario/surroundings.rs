@@ -7,15 +7,17 @@ use super::keys;
 use super::matrix::{CONSTANT, Size, Written};
 use super::reader::{Reader, Value};
 use super::table::Table;
-use crate::model::{Controller, Names, Shaping};
+use crate::model::{ActuatorBound, Controller, Names, Shaping};
 
 /// The actuator of a scenario.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Default)]
 pub(super) struct Actuator {
     /// Delay in seconds and where it is given, if it is.
     pub(super) delay: Option<(f64, usize)>,
     /// Pade order, 0 for the default.
     pub(super) pade: usize,
+    /// Bound on what it does beyond the model.
+    pub(super) unmodelled: Option<ActuatorBound>,
 }
 
 /// Highest Pade order: the approximation gains nothing beyond and its
@@ -140,7 +142,51 @@ pub(super) fn actuator<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<Act
         },
         None => 0,
     };
-    Some(Actuator { delay, pade })
+    let unmodelled = match table.get("W") {
+        Some(value) => Some(bound(reader, value)?),
+        None => None,
+    };
+    Some(Actuator { delay, pade, unmodelled })
+}
+
+/// `W` of `[actuator]`: polynomials, or matrices of a filter with one input.
+#[expect(non_snake_case, reason = "capital letters are matrices")]
+fn bound<'a>(reader: &Reader<'a>, value: &Value<'a>) -> Option<ActuatorBound> {
+    let path = "actuator.W";
+    let table = table(reader, path, value, keys::BOUND)?;
+    let given = |keys: &[&str]| keys.iter().any(|k| table.get(k).is_some());
+    let (polynomials, matrices) =
+        (given(&["numerator", "denominator"]), given(&["A", "B", "C", "D"]));
+    if polynomials == matrices {
+        let message = if matrices { "both polynomials and matrices" } else { "nothing is given" };
+        let remedy = "give numerator and denominator, or A, B, C (and D), or D alone";
+        return reader.error(table.at, path, message, remedy);
+    }
+    if polynomials {
+        let remedy = "give the coefficients of falling powers of s, as in [1, 50] for s + 50";
+        let [numerator, denominator] = ["numerator", "denominator"]
+            .map(|k| reader.numbers(&table.key(k), table.need(k, remedy)?));
+        let made = ActuatorBound::from_polynomials(&numerator?, &denominator?);
+        return made.map_or_else(|e| reader.engine(table.at, path, e), Some);
+    }
+    let one = Size::new(1, "output");
+    let D = match table.get("D") {
+        Some(_) => constant(&table, "D", [one, one]),
+        None => Some(Mat::zeros(1, 1)),
+    };
+    let mut made =
+        ActuatorBound { A: Mat::zeros(0, 0), B: Mat::zeros(0, 1), C: Mat::zeros(1, 0), D: D? };
+    if given(&["A", "B", "C"]) {
+        let free = Size::free("states of W");
+        made.A = constant(&table, "A", [free, free])?;
+        let x = Size::new(made.A.nrows(), "states of W");
+        let (B, C) = (constant(&table, "B", [x, one]), constant(&table, "C", [one, x]));
+        (made.B, made.C) = (B?, C?);
+    }
+    match made.check() {
+        Ok(()) => Some(made),
+        Err(e) => reader.engine(table.at, path, e),
+    }
 }
 
 /// A delay in seconds.

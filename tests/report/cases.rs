@@ -132,6 +132,9 @@ fn line(parameter: &str, axis: Axis, nominals: &[f64], cases: Vec<Case>) -> EipS
         cases,
         undecidable: vec![],
         method: Method::Doubling,
+        robust: None,
+        delay_sweep: None,
+        identification: None,
     }
 }
 
@@ -385,6 +388,9 @@ fn product(axes: &[(&str, f64, f64, usize)]) -> EipSets {
         cases: vec![case],
         undecidable: vec![],
         method: Method::Modal,
+        robust: None,
+        delay_sweep: None,
+        identification: None,
     }
 }
 

@@ -3,6 +3,7 @@
 use svg::node::element::{Definitions, Group, SVG};
 
 use super::canvas::{self, Area, LABEL, NOTE, TICK, TITLE, WIDTH};
+use super::certain;
 use super::decisions;
 use super::labels::{BoundaryLabels, curve_labels};
 use super::margin::MarginRange;
@@ -28,7 +29,8 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let margin = MarginRange::new(case);
     let numbers = canvas::y_axis_width(&y_scale(MAIN, 0.0), 60.0)
         .max(margin.as_ref().map_or(52.0, |m| canvas::y_axis_width(&m.scale(MARGIN, 0.0), 27.0)));
-    let left = 36.0 + numbers.max(decisions::Strips::names_width(sets));
+    let certain = if sets.robust.is_some() { canvas::width("certain", NOTE) + 16.0 } else { 0.0 };
+    let left = 36.0 + numbers.max(decisions::Strips::names_width(sets)).max(certain);
     let labels = curve_labels(sets, case, range.high, MAIN);
     let widest = labels.iter().map(|l| canvas::width(&l.text, TICK)).fold(0.0, f64::max);
     let number = canvas::width(&sets.models.len().to_string(), TICK) + 8.0;
@@ -76,6 +78,11 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
     let strips = decisions::Strips { sets, x, area: Area { y: main.bottom() + 12.0, ..main } };
     body = body.add(strips.draw());
     let mut lowest = Area { h: strips.height(), ..strips.area };
+    let below = Area { y: lowest.bottom() + 6.0, ..main };
+    if let Some((strip, area)) = certain::strip(sets, &x, below) {
+        body = body.add(strip);
+        lowest = area;
+    }
     if let Some(range) = &margin {
         let area = Area { y: lowest.bottom() + 16.0, h: MARGIN, ..main };
         body = body.add(panel.margin(area, range));
@@ -89,6 +96,9 @@ pub(super) fn draw(sets: &EipSets) -> SVG {
         bottom = zoom.bottom();
         body = body.add(zoom.draw());
     }
+    let magnified = certain::Magnified::new(sets, &x, bottom + 24.0, left);
+    bottom = magnified.bottom();
+    body = body.add(magnified.draw());
     let unnamed = case.boundaries.len() - boundary_labels.labels.len();
     for text in notes(sets, labels.len(), unnamed) {
         for part in canvas::wrapped(&text, NOTE, WIDTH - 40.0) {
@@ -145,7 +155,7 @@ fn legend(sets: &EipSets, case: &Case, left: f64, y: f64) -> Option<Group> {
         let mark = canvas::line(11.0, -14.0, 11.0, 3.0, INK, 1.4);
         group = entry(group, Group::new().add(mark), "boundary");
     }
-    if !sets.undecidable.is_empty() {
+    if !sets.undecidable.is_empty() || sets.robust.is_some() {
         group = entry(group, swatch(canvas::UNDECIDABLE), "undecidable");
     }
     if !case.unstable.is_empty() {
@@ -177,6 +187,9 @@ fn notes(sets: &EipSets, labelled: usize, unnamed: usize) -> Vec<String> {
     }
     if sets.models.len() > THRONG {
         notes.push("Curves are drawn where they win.".into());
+    }
+    if sets.robust.is_some() {
+        notes.push("Dashed: the margin that the worst Delta leaves.".into());
     }
     if unnamed > 0 {
         notes.push(format!("{unnamed} boundaries are in the text and JSON results."));

@@ -69,7 +69,7 @@ pub(super) fn least(interval: &Interval) -> f64 {
 
 /// The sets of one case on `area`, numbered where there is room between the
 /// pixel columns `marks`.
-fn strip(case: &Case, x: &Scale, area: Area, numbered: bool, marks: &[f64]) -> Group {
+pub(super) fn strip(case: &Case, x: &Scale, area: Area, numbered: bool, marks: &[f64]) -> Group {
     let mut group = Group::new();
     for interval in &case.unstable_intervals {
         let part = area.between(x.at(interval.from), x.at(interval.to), 2.0);

@@ -3,7 +3,7 @@
 use svg::node::element::Group;
 
 use super::canvas::{self, Area};
-use super::palette::Color;
+use super::palette::{Color, INK};
 use super::panel::Panel;
 use super::scale::Scale;
 use super::trace::{cut, thinned};
@@ -75,6 +75,18 @@ impl Panel<'_> {
                 if let Some(path) = canvas::polyline(inside) {
                     group = group.add(path.set("stroke", color).set("stroke-width", 1.8));
                 }
+            }
+        }
+        if let Some(robust) = &self.sets.robust {
+            // the lead that is left for the worst Delta
+            let y = |lead: f64| y.at(lead.max(range.low));
+            let at = |(v, lead): (&f64, &f64)| {
+                (self.x.at(*v), if *lead > 0.0 { y(*lead) } else { f64::NAN })
+            };
+            let lead: Vec<(f64, f64)> = self.values.iter().zip(&robust.lead).map(at).collect();
+            if let Some(path) = canvas::polyline(thinned(&lead, area.x)) {
+                let path = path.set("stroke", INK).set("stroke-width", 1.4);
+                group = group.add(path.set("stroke-dasharray", "5 3"));
             }
         }
         group = group.add(self.unstable(area)).add(area.frame());

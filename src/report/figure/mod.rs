@@ -6,6 +6,7 @@
 //! every colour is doubled by a number or a label.
 
 mod canvas;
+mod certain;
 mod contour;
 mod curves;
 mod decisions;
@@ -16,6 +17,7 @@ mod margin;
 mod palette;
 mod panel;
 mod place;
+mod placement;
 mod scale;
 mod shade;
 mod stack;
@@ -38,6 +40,17 @@ pub fn write(sets: &EipSets, mut out: impl Write) -> io::Result<()> {
     let drawing = if sets.grid.axes().len() == 1 { curves::draw(sets) } else { map::draw(sets) };
     out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
     svg::write(&mut out, &drawing)?;
+    out.write_all(b"\n")
+}
+
+/// Writes the sets before and after a placement, studies of one parameter and one
+/// grid, as a stand-alone SVG file.
+///
+/// # Errors
+/// Whatever `out` reports.
+pub fn write_placement(before: &EipSets, after: &EipSets, mut out: impl Write) -> io::Result<()> {
+    out.write_all(b"<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n")?;
+    svg::write(&mut out, &placement::draw(before, after))?;
     out.write_all(b"\n")
 }
 

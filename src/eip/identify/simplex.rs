@@ -38,8 +38,9 @@ pub(super) fn minimise(g: &[f64], s: &[f64]) -> Option<Vec<f64>> {
         support.sort_unstable();
         while let Some(q) = stationary(g, s, &support, n) {
             let negative = support.iter().zip(&q).filter(|(_, q)| **q <= 0.0);
-            let step =
-                negative.map(|(&i, q)| (p[i] / (p[i] - q), i)).min_by(|a, b| a.0.total_cmp(&b.0));
+            let step = negative
+                .map(|(&i, q)| (p[i] / (p[i] - q).max(f64::MIN_POSITIVE), i))
+                .min_by(|a, b| a.0.total_cmp(&b.0));
             let Some((share, leave)) = step else {
                 for (&i, q) in support.iter().zip(&q) {
                     p[i] = *q;

@@ -1,4 +1,5 @@
-//! Rates of the batched solvers, of EIP pairs and of banks, on problems made by formula.
+//! Rates of the batched solvers, of EIP pairs, of banks and of recursive least squares, on
+//! problems made by formula.
 //!
 //! `cargo bench --bench throughput` prints a table, `-- --json` one object
 //! (`{"care_n4": {"rate": .., "checksum": ..}}`, problems or pairs per second),
@@ -11,6 +12,7 @@
 #![allow(clippy::print_stdout, reason = "a program that reports on stdout")]
 
 use mmae::Mat;
+use mmae::adaptive::LeastSquares;
 use mmae::bank::{Members, Settings};
 use mmae::eip::{Study, Verify};
 use mmae::engine::{Arrays, Mmae, Weighting};
@@ -18,6 +20,7 @@ use mmae::model::{Grid, Plant, Time, systems};
 use mmae::observer::{ModelSet, ObserverKind};
 use mmae::par::RunControl;
 use mmae::sim::{Measurement, MonteCarlo, Truth};
+use mmae::simd::Panel;
 use mmae::solve::{self, Checks, Lyapunov, Riccati, Solutions};
 use std::sync::Arc;
 use std::time::Instant;
@@ -253,6 +256,77 @@ fn simulate(sizes: [usize; 3]) -> Run {
     })
 }
 
+/// Regressors and measurements of recursive least squares, step by step.
+fn rls_problem(p: usize) -> (Vec<f64>, Vec<f64>) {
+    let mut stream = Stream { state: 500 + p as u64 };
+    let phi = stream.take(STEPS * RECORDS * p);
+    (phi, stream.take(STEPS * RECORDS))
+}
+
+/// Forgetting, and `P(0)`.
+const MU: f64 = 0.99;
+const P0: f64 = 1e4;
+
+/// Mean of the parameters of the first records.
+fn rls_checksum(p: usize, theta: impl Fn(usize) -> Vec<f64>) -> f64 {
+    (0..CHECKED_RECORDS).flat_map(theta).sum::<f64>() / (CHECKED_RECORDS * p) as f64
+}
+
+/// Recursive least squares in lanes, as U D U'.
+fn rls(p: usize) -> Run {
+    let made = std::cell::OnceCell::new();
+    Box::new(move |_| {
+        let steps: &Vec<(Panel, Panel)> = made.get_or_init(|| {
+            let (phi, y) = rls_problem(p);
+            let step = |k: usize| {
+                let at = k * RECORDS;
+                let row = Panel::from_fn(1, p, RECORDS, |i, _, j| phi[(at + i) * p + j]);
+                (row, Panel::from_fn(1, 1, RECORDS, |i, _, _| y[at + i]))
+            };
+            (0..STEPS).map(step).collect()
+        });
+        let mut fit = LeastSquares::new(p, RECORDS, P0)?;
+        for (phi, y) in steps {
+            fit.update(phi, y, MU, 1.0)?;
+        }
+        let checksum = rls_checksum(p, |i| fit.theta(i));
+        Ok(Pass { items: RECORDS * STEPS, checksum })
+    })
+}
+
+/// The same as a plain loop, one record after the other, with P itself.
+fn rls_loop(p: usize) -> Run {
+    let made = std::cell::OnceCell::new();
+    Box::new(move |_| {
+        let (phi, y) = made.get_or_init(|| rls_problem(p));
+        let mut all = Vec::with_capacity(RECORDS);
+        let mut gain = vec![0.0; p];
+        for i in 0..RECORDS {
+            let mut theta = vec![0.0; p];
+            let mut cov: Vec<f64> =
+                (0..p * p).map(|e| if e % (p + 1) == 0 { P0 } else { 0.0 }).collect();
+            for k in 0..STEPS {
+                let row = &phi[(k * RECORDS + i) * p..][..p];
+                let (mut total, mut e) = (MU, y[k * RECORDS + i]);
+                for a in 0..p {
+                    gain[a] = (0..p).map(|b| cov[a * p + b] * row[b]).sum();
+                    total += row[a] * gain[a];
+                    e -= row[a] * theta[a];
+                }
+                for a in 0..p {
+                    theta[a] += gain[a] / total * e;
+                    for b in 0..p {
+                        cov[a * p + b] = (cov[a * p + b] - gain[a] * gain[b] / total) / MU;
+                    }
+                }
+            }
+            all.push(theta);
+        }
+        let checksum = rls_checksum(p, |i| all[i].clone());
+        Ok(Pass { items: RECORDS * STEPS, checksum })
+    })
+}
+
 type Run = Box<dyn Fn(&RunControl<'_>) -> Any<Pass>>;
 
 /// Every case: its name, and what runs it once.
@@ -282,6 +356,10 @@ fn cases(test: bool) -> Any<Vec<(String, Run)>> {
     for (name, sizes) in BANKS {
         out.push((format!("bank_{name}"), bank(sizes)?));
         out.push((format!("simulate_{name}"), simulate(sizes)));
+    }
+    for p in [4, 8] {
+        out.push((format!("rls_p{p}"), rls(p)));
+        out.push((format!("rls_p{p}_loop"), rls_loop(p)));
     }
     Ok(out)
 }

@@ -96,6 +96,39 @@ pub enum Error {
         /// States that dominate the mode, by name.
         states: String,
     },
+    /// A mode that the output does not see, whether it decays or not.
+    #[error(
+        "mode {eigenvalue} ({states}) is not observable from the output: measure it, or drop it from the plant"
+    )]
+    NotObservable {
+        /// The eigenvalue of `A`.
+        eigenvalue: Eigenvalue,
+        /// States that dominate the mode, by name.
+        states: String,
+    },
+    /// An observer gain whose error does not decay.
+    #[error(
+        "A - K C has the mode {eigenvalue}, which does not decay: {}",
+        sign_of_gain(*opposite)
+    )]
+    ObserverUnstable {
+        /// The eigenvalue of `A - K C` of largest real part.
+        eigenvalue: Eigenvalue,
+        /// True if `A + K C` is stable.
+        opposite: bool,
+    },
+    /// Parameters that no output can tell apart.
+    #[error(
+        "only {rank} of {parameters} combinations of the parameters can be identified from the output: {directions}: fix as many parameters as there are directions, or write the plant in an observer canonical form"
+    )]
+    NotIdentifiable {
+        /// Combinations that can be identified.
+        rank: usize,
+        /// Parameters asked for.
+        parameters: usize,
+        /// What leaves the output unchanged, in words.
+        directions: String,
+    },
     /// A mode that the noise does not reach and that does not decay.
     #[error(
         "mode {eigenvalue} ({states}) is not stabilizable through the noise input: give it a disturbance, or drop it from the model"
@@ -291,6 +324,15 @@ fn reached(residual: f64, iterations: u32) -> String {
     }
 }
 
+/// What to do about an observer that is not stable.
+fn sign_of_gain(opposite: bool) -> &'static str {
+    if opposite {
+        "K acts on y - y_hat here, and A + K C is stable: turn the sign of K (Liu and Peng print that of their example 4.1 the other way round)"
+    } else {
+        "place the eigenvalues of A - K C in the left half-plane"
+    }
+}
+
 /// What a correction of a linear equation still changed, if there was one.
 fn last_correction(correction: f64) -> String {
     if correction.is_finite() {
@@ -314,6 +356,9 @@ impl Error {
             Error::NotPositiveDefinite { .. } => "not_positive_definite",
             Error::Undetectable { .. } | Error::NotDetectable { .. } => "not_detectable",
             Error::Unstabilizable { .. } | Error::NotStabilizable { .. } => "not_stabilizable",
+            Error::NotObservable { .. } => "not_observable",
+            Error::ObserverUnstable { .. } => "observer_unstable",
+            Error::NotIdentifiable { .. } => "not_identifiable",
             Error::FiniteEscape { .. } => "finite_escape",
             Error::NoStabilizingSolution { .. } => "no_stabilizing_solution",
             Error::Singular { .. } => "singular",

@@ -13,6 +13,7 @@ pub mod solve;
 
 pub mod observer;
 
+pub mod adaptive;
 pub mod bank;
 pub mod eip;
 pub mod weight;

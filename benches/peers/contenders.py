@@ -1,6 +1,7 @@
 """What SciPy, SLICOT and NumPy do with the problems: each returns X, or Upsilon."""
 
 import bank
+import least_squares
 import numpy as np
 import scipy.linalg as sl
 from problems import C_K, LENGTHS, NOMINALS, THETA, closed_loop, pendulum, problems
@@ -116,6 +117,10 @@ def contenders(case):
         return bank.contenders(case.removeprefix("bank_"))
     if case.startswith("simulate_"):
         return bank.simulators(case.removeprefix("simulate_"))
+    if case.startswith("rls_"):
+        # the loop is ours as well: what the lanes are worth
+        p = int(case.removeprefix("rls_p").removesuffix("_loop"))
+        return least_squares.contenders(p)
     # ours alone may leave out the error bounds
     kind, n = case.removesuffix("_nobound").rsplit("_n", 1)
     out = {"SciPy": in_a_loop(scipy_solver(kind), kind, int(n))}

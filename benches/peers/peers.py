@@ -98,7 +98,7 @@ def main():
         "slycot": getattr(slycot, "__version__", None),
         "rounds": args.rounds,
         "seconds": args.seconds,
-        "unit": "problems per second; pairs in eip_pendulum, model-trial-steps in bank_ and simulate_",
+        "unit": "problems per second; pairs in eip_pendulum, model-trial-steps in bank_ and simulate_, updates in rls_",
     }
     if os.path.dirname(args.out):
         os.makedirs(os.path.dirname(args.out), exist_ok=True)

@@ -77,6 +77,19 @@ def bank_problem(name):
     return a, c, 3.0 * u[models * each :].reshape(RECORDS, STEPS, q)
 
 
+# Recursive least squares: T problems of p parameters, K measurements each, forgetting MU,
+# theta = 0 and P = P0 I at the start. Stream seed 500 + p: regressors (K, T, p), then
+# measurements (K, T). The checksum is the mean of theta over the first records.
+MU, P0 = 0.99, 1e4
+
+
+def rls_problem(p):
+    """phi (K, T, p) and y (K, T)."""
+    u = uniform(500 + p, STEPS * RECORDS * (p + 1))
+    cut = STEPS * RECORDS * p
+    return u[:cut].reshape(STEPS, RECORDS, p), u[cut:].reshape(STEPS, RECORDS)
+
+
 # The inverted pendulum of Hassani, Aguiar, Pascoal and Athans (2009) with the
 # controller of examples/pendulum.toml: 401 lengths, 4 models, Ito convention.
 

@@ -237,6 +237,11 @@ impl Bank {
         }
     }
 
+    /// Marks a bank that was put together on the way: it is past its first step.
+    pub(crate) fn resume(&mut self) {
+        self.started = true;
+    }
+
     /// Time goes on by a step without a measurement.
     pub fn predict(&mut self, u: &[f64]) {
         let skip = !self.started && self.start == StartTime::FirstMeasurement;

@@ -25,6 +25,15 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
     }
     let name = args.file.display().to_string();
     let result = checked.and_then(|scenario| {
+        if scenario.is_adaptive() {
+            let sizes = adaptive(&scenario)?;
+            if args.json {
+                let report = Report::of_adaptive(&name, sizes, scenario.warnings());
+                return Ok(output::print(None, |out| print_json(out, &report)));
+            }
+            let title = scenario.title();
+            return Ok(output::print(None, |out| print_adaptive(out, &name, title, &sizes)));
+        }
         if !scenario.has_study() {
             let bank = scenario.estimator()?;
             bank.start().map_err(|e| scenario.explain_run(e))?;
@@ -61,6 +70,45 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
             Err(e.into())
         }
     }
+}
+
+/// Sizes of the adaptive observers; those that cannot be used are told, and are an error
+/// where no other one can.
+fn adaptive(scenario: &Scenario) -> Result<Vec<ObserverSize>, scenario::Error> {
+    let observers = scenario.adaptive_observers();
+    let built = scenario.build_adaptive();
+    let mut first = None;
+    let mut sizes = Vec::new();
+    for (observer, built) in observers.iter().zip(built) {
+        let [states, inputs, outputs, parameters] = observer.structure.sizes();
+        let refused = built.err();
+        if let Some(e) = &refused {
+            say("warning", &format!("observer {} cannot be used: {e}", observer.name));
+            first.get_or_insert_with(|| scenario.explain_adaptive(e.clone(), &observer.name));
+        }
+        sizes.push(ObserverSize {
+            name: observer.name.clone(),
+            states,
+            inputs,
+            outputs,
+            parameters,
+            reading: observer.settings.reading.name(),
+            usable: refused.is_none(),
+        });
+    }
+    match first {
+        Some(e) if sizes.iter().all(|s| !s.usable) => return Err(e),
+        _ => {}
+    }
+    if scenario.has_run() {
+        let cases = scenario.adaptive_cases(&[])?;
+        for trials in cases.iter().flat_map(|c| &c.trials).zip(sizes.iter().cycle()) {
+            if trials.1.usable {
+                trials.0.check().map_err(|e| scenario.explain_adaptive(e, &trials.1.name))?;
+            }
+        }
+    }
+    Ok(sizes)
 }
 
 /// Sees that `mmae run` could begin.
@@ -149,6 +197,30 @@ fn print_bank(
     row("law", bank.weighting.law.name())
 }
 
+/// A scenario of adaptive observers.
+fn print_adaptive(
+    out: &mut dyn Write,
+    name: &str,
+    title: Option<&str>,
+    sizes: &[ObserverSize],
+) -> io::Result<()> {
+    let mut row = |key: &str, value: &str| {
+        if value.is_empty() { Ok(()) } else { writeln!(out, "  {key:<13} {value}") }
+    };
+    row("scenario", &format!("{name} is valid"))?;
+    row("title", title.unwrap_or(""))?;
+    for s in sizes {
+        let used = if s.usable { "" } else { ", cannot be used" };
+        let (states, parameters) = (s.states, s.parameters);
+        let what = format!(
+            "{}: {states} states, {parameters} parameters, reading {}{used}",
+            s.name, s.reading
+        );
+        row("observer", &what)?;
+    }
+    Ok(())
+}
+
 /// `1.2 MB`.
 fn bytes(n: u128) -> String {
     let n = n as f64;
@@ -169,6 +241,8 @@ struct Report<'a> {
     size: Option<Size>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bank: Option<BankSize>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    adaptive: Vec<ObserverSize>,
     warnings: Vec<Place<'a>>,
     errors: Vec<Place<'a>>,
 }
@@ -184,6 +258,17 @@ struct Size {
     flops: f64,
     bytes: u64,
     memory_limit: u64,
+}
+
+#[derive(serde::Serialize)]
+struct ObserverSize {
+    name: String,
+    states: usize,
+    inputs: usize,
+    outputs: usize,
+    parameters: usize,
+    reading: &'static str,
+    usable: bool,
 }
 
 #[derive(serde::Serialize)]
@@ -237,6 +322,7 @@ impl<'a> Report<'a> {
             valid: true,
             size: Some(size),
             bank: None,
+            adaptive: vec![],
             warnings,
             errors: vec![],
         }
@@ -257,6 +343,20 @@ impl<'a> Report<'a> {
             valid: true,
             size: None,
             bank: Some(size),
+            adaptive: vec![],
+            warnings: warnings.iter().map(Place::new).collect(),
+            errors: vec![],
+        }
+    }
+
+    fn of_adaptive(file: &'a str, adaptive: Vec<ObserverSize>, warnings: &'a [Diagnostic]) -> Self {
+        Self {
+            schema: "mmae.check/1",
+            file,
+            valid: true,
+            size: None,
+            bank: None,
+            adaptive,
             warnings: warnings.iter().map(Place::new).collect(),
             errors: vec![],
         }
@@ -274,6 +374,7 @@ impl<'a> Report<'a> {
             valid: false,
             size: None,
             bank: None,
+            adaptive: vec![],
             warnings: vec![],
             errors,
         }

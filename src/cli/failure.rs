@@ -126,6 +126,9 @@ fn code_of(error: &Error) -> u8 {
         | Error::Unstabilizable { .. }
         | Error::NoStabilizingSolution { .. }
         | Error::NotStable { .. }
+        | Error::NotObservable { .. }
+        | Error::ObserverUnstable { .. }
+        | Error::NotIdentifiable { .. }
         | Error::UnstablePlant { .. }
         | Error::Quadrature { .. } => NUMERICAL,
         _ => SCENARIO,

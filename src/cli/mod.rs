@@ -5,6 +5,7 @@
 //! failure, 5 missing parts, 6 files, 7 limits, 130 and 143 after SIGINT and SIGTERM. The guide,
 //! page "command", describes all of it.
 
+mod adaptive;
 mod arguments;
 mod bench;
 mod check;

@@ -5,7 +5,7 @@ use faer::Mat;
 use super::estimate::Estimate;
 use super::mixing::Moments;
 use super::weighting::{Innovation, Mixing, Weighting};
-use crate::bank::{Bank, Members, Schedule, Settings, Step};
+use crate::bank::{Bank, GainMode, Members, Schedule, Settings, Step};
 use crate::error::{Error, Result};
 use crate::model::Plant;
 use crate::real::{Real, exp, ln};
@@ -60,14 +60,7 @@ impl Mmae {
                 remedy: "mix the weights only (markov), or sample the plant".into(),
             });
         }
-        let mut settings = settings.clone();
-        if let Law::Ode { substeps } = law {
-            settings.parts = 2 * substeps;
-        }
-        if let Innovation::Common(w) = &weighting.innovation {
-            settings.norm = Some(w.clone());
-        }
-        let bank = Bank::new(members, &settings)?;
+        let bank = Bank::new(members, &bank_settings(settings, law, &weighting.innovation))?;
         let transition = weighting.mixing.transition().cloned();
         let weights = Weights::new(law, weighting.modifiers.clone(), transition, prior)?;
         let [n, _, q] = bank.sizes();
@@ -259,6 +252,51 @@ impl Mmae {
         self.bank.set_models(plants)
     }
 
+    /// Goes on with another model in the place of `member`: `members` are those of the
+    /// bank but for it. It starts at the fused estimate with the weight `floor`; the
+    /// others stay as they are, their weights in proportion.
+    ///
+    /// # Errors
+    /// As [`Mmae::new`], and the cause if the new member cannot be used; the engine is
+    /// then as before.
+    pub(crate) fn replace(
+        &mut self,
+        members: &Members,
+        settings: &Settings,
+        member: usize,
+        floor: f64,
+    ) -> Result<()> {
+        let mut bank = Bank::new(members, &bank_settings(settings, self.law, &self.innovation))?;
+        if let Some(cause) = &bank.failures()[member] {
+            return Err(cause.clone());
+        }
+        let recursive = bank.gains().mode() == GainMode::Recursive;
+        let fused = self.moments.covariance(&self.bank, &self.estimate.p);
+        for i in 0..self.estimate.p.len() {
+            if i == member {
+                bank.set(i, &self.estimate.x_hat, recursive.then_some(&fused));
+                continue;
+            }
+            self.bank.x_hat_into(i, &mut self.x);
+            let own = self.bank.covariance(i);
+            bank.set(i, &self.x, recursive.then_some(&own));
+        }
+        bank.resume();
+        self.bank = bank;
+        let rest = 1.0 - self.estimate.p[member];
+        let share = if rest > 0.0 { ln((1.0 - floor) / rest) } else { 0.0 };
+        for (i, log_p) in self.weights.log_p_mut().iter_mut().enumerate() {
+            *log_p = if i == member { ln(floor) } else { *log_p + share };
+        }
+        self.weights.renormalise();
+        let e = &mut self.estimate;
+        e.failed[member] = false;
+        // of the record so far it has none
+        e.log_lik_models[member] = f64::NAN;
+        self.fuse();
+        Ok(())
+    }
+
     /// The estimate after the last measurement, or at the start.
     pub fn estimate(&self) -> &Estimate {
         &self.estimate
@@ -303,6 +341,18 @@ impl Mmae {
         let moves = self.bank.moves_first();
         Schedule::new(&mut gains, self.bank.sizes(), self.bank.models(), steps, moves)
     }
+}
+
+/// The settings of a bank as its law wants them.
+fn bank_settings(settings: &Settings, law: Law, innovation: &Innovation) -> Settings {
+    let mut settings = settings.clone();
+    if let Law::Ode { substeps } = law {
+        settings.parts = 2 * substeps;
+    }
+    if let Innovation::Common(w) = innovation {
+        settings.norm = Some(w.clone());
+    }
+    settings
 }
 
 /// `ln sum p_i l_i` of normalised weights; terms that are no number are left out.

@@ -42,11 +42,13 @@ mod lanes;
 mod likelihood;
 mod mixing;
 mod mmae;
+mod recentre;
 mod record;
 mod weighting;
 
 pub use arrays::{Arrays, Courses};
 pub use estimate::Estimate;
 pub use mmae::Mmae;
+pub use recentre::{Build, Move, Recentre, Recentred};
 pub use record::Record;
 pub use weighting::{Innovation, Mixing, Weighting};

@@ -1,5 +1,9 @@
 //! The guide: how the crate is built, what it computes, how to use it.
 
+#[cfg(feature = "scenario")]
+#[doc = include_str!("adaptive.md")]
+pub mod adaptive {}
+
 #[doc = include_str!("architecture.md")]
 pub mod architecture {}
 

@@ -109,6 +109,11 @@ pub(crate) fn grid<const N: usize>(
     head: &[&str; N],
     rows: impl Iterator<Item = [String; N]>,
 ) -> String {
+    columns(head, rows.map(Vec::from))
+}
+
+/// As [`grid`], with a number of columns that is found while running.
+pub(crate) fn columns(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
     const FIRST: usize = 28;
     let mut table = Table::default();
     table.row(

@@ -11,8 +11,8 @@ use super::places::Places;
 use super::reader::{Reader, Value, clip};
 use super::table::Table;
 use super::{
-    FORMAT, Scenario, bank, explicit, keys, plant, run, settings, signals, surroundings, truth,
-    weighting,
+    FORMAT, Scenario, adaptive, bank, explicit, keys, plant, run, settings, signals, surroundings,
+    truth, weighting,
 };
 use crate::model::{Family, Names, Surroundings, Time};
 use crate::observer::ObserverKind;
@@ -44,6 +44,9 @@ pub(super) fn read<'a>(
         Some(value) => Some(reader.string("title", value)?.to_string()),
         None => None,
     };
+    if table.get("adaptive").is_some() && table.get("bank").is_none() {
+        return adaptive_alone(&table, title);
+    }
     let shaped = table.get("disturbance").is_some();
     let matrices = table.get("bank").filter(|bank| {
         let described = table.get("plant").is_some_and(|p| has(p, "A") || has(p, "family"));
@@ -111,6 +114,7 @@ pub(super) fn read<'a>(
     let signals =
         table.get("signals").map(|value| signals::read(reader, value, names, filter_states > 0));
     let run = table.get("run").map(|value| run::read(reader, value));
+    let adaptive = table.get("adaptive").map(|value| adaptive::read(reader, value));
     // each has had its say
     let actuator = actuator.map_or(Some(Default::default()), |a| a)?;
     let mut settings = maybe(settings)?;
@@ -142,6 +146,7 @@ pub(super) fn read<'a>(
         signals: maybe(signals)?.unwrap_or_default(),
         run: maybe(run)?,
         settings,
+        adaptive: maybe(adaptive)?,
         warnings: Vec::new(),
         places: Places { entries, ..places(reader, root) },
         family: Arc::new(family),
@@ -151,6 +156,42 @@ pub(super) fn read<'a>(
         without_effect(reader, &scenario);
     }
     Some(scenario)
+}
+
+/// A file of adaptive observers: the first one's plant stands for the family.
+fn adaptive_alone<'a>(table: &Table<'_, 'a>, title: Option<String>) -> Option<Scenario> {
+    let reader = table.reader;
+    let only = ["format", "title", "adaptive", "signals", "run"];
+    let other = keys::TOP.iter().find(|key| !only.contains(key) && table.get(key).is_some());
+    if let Some(key) = other {
+        let remedy = "remove it, or add [bank]: adaptive observers alone take \
+                      [adaptive], [signals] and [run]";
+        return table.error(key, "without a bank", remedy);
+    }
+    let section = adaptive::read(reader, table.get("adaptive")?);
+    let run = table.get("run").map(|value| run::read(reader, value));
+    let section = section?;
+    let signals = table.get("signals").map(|value| adaptive::signals(table, value, &section.names));
+    let first = section.observers.first()?;
+    let plant = adaptive::stand_in(first);
+    let names = Names { states: first.states().to_vec(), ..section.names.clone() };
+    Some(Scenario {
+        title,
+        surroundings: Surroundings::default(),
+        delay: 0.0,
+        bank: None,
+        start: None,
+        explicit: None,
+        weighting: None,
+        truth: None,
+        signals: maybe(signals)?.unwrap_or_default(),
+        run: maybe(run)?,
+        settings: None,
+        adaptive: Some(section),
+        warnings: Vec::new(),
+        places: places(reader, table.top()),
+        family: Arc::new(explicit::family(&plant, names)),
+    })
 }
 
 /// Names, time and models of a file whose bank is given by matrices: `[plant]`

@@ -15,6 +15,7 @@ pub(super) const TOP: &[&str] = &[
     "signals",
     "run",
     "eip",
+    "adaptive",
 ];
 /// `[plant]`.
 pub(super) const PLANT: &[&str] = &[
@@ -83,6 +84,43 @@ pub(super) const RUN: &[&str] = &["steps", "duration", "trials", "seed", "every"
 /// `[eip]`.
 pub(super) const EIP: &[&str] =
     &["grid", "convention", "dt", "delays", "delay_interval", "verify", "method", "memory_limit"];
+/// `[adaptive]`.
+pub(super) const ADAPTIVE: &[&str] =
+    &["dt", "inputs", "outputs", "parameters", "truth", "cases", "observers", "recentre"];
+/// `[adaptive.truth]`.
+pub(super) const ADAPTIVE_TRUTH: &[&str] =
+    &["states", "derivative", "output", "x0", "parameters", "noise", "input_noise"];
+/// A case of `[adaptive.cases]`.
+pub(super) const ADAPTIVE_CASE: &[&str] = &["parameters", "x0", "noise", "input_noise"];
+/// An observer of `[adaptive.observers]`.
+pub(super) const ADAPTIVE_OBSERVER: &[&str] = &[
+    "states",
+    "A",
+    "C",
+    "K",
+    "known",
+    "theta",
+    "reading",
+    "lambda",
+    "P0",
+    "sigma",
+    "R",
+    "x0",
+    "x0_P0",
+    "trace_cap",
+    "resets",
+    "reset_growth",
+    "window",
+    "physical",
+];
+/// A parameter of an observer.
+pub(super) const ADAPTIVE_THETA: &[&str] =
+    &["column", "entry", "start", "min", "max", "sigma", "truth"];
+/// Parameters behind those of an observer.
+pub(super) const ADAPTIVE_PHYSICAL: &[&str] = &["start", "map", "truth"];
+/// `[adaptive.recentre]`.
+pub(super) const ADAPTIVE_RECENTRE: &[&str] =
+    &["observer", "parameters", "window", "tolerance", "floor", "most"];
 /// A range of one parameter.
 pub(super) const RANGE: &[&str] = &["from", "to", "points", "step", "scale"];
 

@@ -1,5 +1,7 @@
 //! Matrices of a scenario: rows of numbers or expressions.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
+
 use faer::Mat;
 use toml::de::DeValue;
 
@@ -16,6 +18,15 @@ pub(super) struct Scope<'n> {
     pub(super) names: &'n [&'n str],
     /// What to do about a name that is like none of them.
     pub(super) otherwise: &'static str,
+}
+
+impl Scope<'_> {
+    /// A number that tells the names of two scopes apart.
+    fn fingerprint(self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.names.hash(&mut hasher);
+        hasher.finish()
+    }
 }
 
 /// The scope of matrices that are the same for every plant.
@@ -210,7 +221,7 @@ impl<'a> Reader<'a> {
                 _ => self.wrong_type(key, value, "a number or an expression in quotes"),
             };
         };
-        let known = (scope.names.len(), text.to_string());
+        let known = (scope.fingerprint(), text.to_string());
         if let Some(entry) = self.compiled.borrow().get(&known) {
             return Some(entry.clone());
         }

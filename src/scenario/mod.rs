@@ -14,6 +14,7 @@
 //! line, column, key and remedy. Every key is described in
 //! [`guide::scenario`](crate::guide::scenario).
 
+mod adaptive;
 mod assemble;
 mod bank;
 mod course;
@@ -50,6 +51,7 @@ use std::sync::Arc;
 
 use toml::de::DeTable;
 
+pub use adaptive::{AdaptiveCase, AdaptiveObserver, Physical};
 pub use diagnostic::{Diagnostic, Error};
 pub use estimator::Estimator;
 pub use family::ExpressionFamily;
@@ -88,6 +90,7 @@ pub struct Scenario {
     signals: Signals,
     run: Option<run::Run>,
     settings: Option<Settings>,
+    adaptive: Option<adaptive::Section>,
     warnings: Vec<Diagnostic>,
     places: Places,
 }
@@ -312,6 +315,13 @@ mod tests {
             keys::WAVE,
             keys::RUN,
             keys::EIP,
+            keys::ADAPTIVE,
+            keys::ADAPTIVE_TRUTH,
+            keys::ADAPTIVE_CASE,
+            keys::ADAPTIVE_OBSERVER,
+            keys::ADAPTIVE_THETA,
+            keys::ADAPTIVE_PHYSICAL,
+            keys::ADAPTIVE_RECENTRE,
         ];
         let functions = operators::FUNCTIONS.iter().map(|f| f.name);
         let constants = operators::CONSTANTS.iter().map(|(name, _)| *name);

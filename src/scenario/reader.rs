@@ -24,8 +24,8 @@ pub(super) struct Reader<'a> {
     errors: RefCell<Vec<Diagnostic>>,
     warnings: RefCell<Vec<Diagnostic>>,
     engine: RefCell<Option<(Diagnostic, crate::Error)>>,
-    /// Compiled expressions by number of names in scope and text.
-    pub(super) compiled: RefCell<HashMap<(usize, String), Entry>>,
+    /// Compiled expressions by the names in scope and text.
+    pub(super) compiled: RefCell<HashMap<(u64, String), Entry>>,
 }
 
 impl<'a> Reader<'a> {

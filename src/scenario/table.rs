@@ -83,6 +83,11 @@ impl<'r, 'a> Table<'r, 'a> {
         found.map_or(self.at, |(key, _)| key.span().start)
     }
 
+    /// Everything in it.
+    pub(super) fn top(&self) -> &'r DeTable<'a> {
+        self.map
+    }
+
     /// The value of `key`, if it is there.
     pub(super) fn get(&self, key: &str) -> Option<&'r Value<'a>> {
         self.map.get(key)

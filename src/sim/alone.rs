@@ -11,13 +11,13 @@ use crate::real::Real;
 use crate::simd::{Block, Kernel, groups, load_group, store_group};
 
 /// Takes in step, state, command and measurement of eight trials.
-type Sink<'a> = dyn FnMut(u64, &[Block], &[Block], &[Block]) -> Result<()> + 'a;
+pub(super) type Sink<'a> = dyn FnMut(u64, &[Block], &[Block], &[Block]) -> Result<()> + 'a;
 
 /// Simulates eight trials and hands every step to `sink`.
-struct Simulate<'a> {
-    plan: &'a Plan,
-    first: u64,
-    sink: &'a mut Sink<'a>,
+pub(super) struct Simulate<'a> {
+    pub(super) plan: &'a Plan,
+    pub(super) first: u64,
+    pub(super) sink: &'a mut Sink<'a>,
 }
 
 impl Kernel for Simulate<'_> {

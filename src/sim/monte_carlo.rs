@@ -396,7 +396,7 @@ impl MonteCarlo {
         }
     }
 
-    fn plan(&self, engine: &Mmae, control: &RunControl<'_>) -> Result<Plan> {
+    pub(super) fn plan(&self, engine: &Mmae, control: &RunControl<'_>) -> Result<Plan> {
         let bank = engine.bank();
         let [n, m, q] = bank.sizes();
         let moves_first = self.members.start == StartTime::StepBefore;

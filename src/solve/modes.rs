@@ -20,6 +20,8 @@ pub enum Region {
     Unstable,
     /// On the boundary of stability, to rounding.
     Boundary,
+    /// Anywhere.
+    Everywhere,
 }
 
 /// A mode of `A`.
@@ -94,6 +96,7 @@ pub fn unseen_mode(
         let wanted = match region {
             Region::Unstable => beyond >= -BOUNDARY,
             Region::Boundary => beyond.abs() <= BOUNDARY,
+            Region::Everywhere => true,
         };
         if !wanted || value.im < 0.0 || seen(&a, &c, value, size)? {
             continue;

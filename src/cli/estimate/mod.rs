@@ -1,6 +1,6 @@
 //! `mmae estimate`: the bank of a scenario on recorded data.
 
-mod data;
+pub(super) mod data;
 mod seen;
 
 use std::collections::HashMap;
@@ -31,6 +31,9 @@ pub(super) fn run(args: &EstimateArguments, signals: &Signals) -> Result<(), Fai
     let scenario = Scenario::from_file(&args.file)?;
     for warning in scenario.warnings() {
         say("warning", &warning.to_string());
+    }
+    if scenario.is_adaptive() {
+        return super::adaptive::estimate(args, &scenario, signals, &clock);
     }
     let mut estimator = scenario.estimator()?;
     if let Some(name) = args.weighting {
@@ -246,14 +249,14 @@ fn numerical(k: usize, error: &crate::Error) -> Failure {
 const GAP: f64 = 1e6;
 
 /// Time since the sample before.
-enum Since {
+pub(super) enum Since {
     /// So many sampling intervals.
     Steps(u64),
     /// Not a whole number of them.
     Seconds(f64),
 }
 
-fn since(record: &Record, k: usize, dt: f64) -> Since {
+pub(super) fn since(record: &Record, k: usize, dt: f64) -> Since {
     let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Since::Steps(1) };
     let seconds = t[k] - t[k - 1];
     let whole = (seconds / dt).round();

@@ -1,6 +1,7 @@
 //! `mmae run`: Monte-Carlo trials of a bank.
 
 mod page;
+mod recentring;
 mod save;
 mod show;
 
@@ -26,12 +27,16 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
     for warning in scenario.warnings() {
         say("warning", &warning.to_string());
     }
+    if scenario.is_adaptive() {
+        return super::adaptive::run(args, &scenario, signals, &clock);
+    }
     let mut simulation = scenario.simulation(&args.truth)?;
     if let Some(name) = args.weighting {
         simulation.estimator.weighting.law = law(name, &simulation.estimator);
     }
     simulation.trials = args.trials.unwrap_or(simulation.trials);
     simulation.seed = args.seed.unwrap_or(simulation.seed);
+    let beside = scenario.recentring(&simulation)?;
     let output = match &args.out {
         Some(dir) => Some(Output::open(dir, &save::FILES, args.force)?),
         None => None,
@@ -60,6 +65,10 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
         let remedy = "stabilise the loop of the plant, or simulate fewer steps";
         return Err(Failure::Numerical(vec![format!("{what}: {remedy}")]));
     }
+    let beside = match beside {
+        Some(trials) => Some(recentring::run(&scenario, &simulation, trials, args, signals)?),
+        None => None,
+    };
     warn(&simulation, &summary);
     if let Some(output) = output {
         let dir = output.dir().to_path_buf();
@@ -69,15 +78,17 @@ pub(super) fn run(args: &RunArguments, signals: &Signals) -> Result<(), Failure>
             simulation: &simulation,
             fine: &fine,
             summary: &summary,
+            recentring: beside.as_ref(),
         };
         results.save(output, signals, &clock)?;
         say("note", &format!("wrote {} to {}", save::FILES.join(", "), dir.display()));
     }
     output::print(Some(signals), |out| {
         if args.json {
-            show::json(out, &simulation, &summary)
+            show::json(out, &simulation, &summary, beside.as_ref())
         } else {
-            show::text(out, &simulation, &summary)
+            show::text(out, &simulation, &summary)?;
+            beside.as_ref().map_or(Ok(()), |b| b.text(out))
         }
     })
 }

@@ -7,6 +7,7 @@ use super::super::failure::Failure;
 use super::super::output::{self, Watch};
 use super::super::signals::Signals;
 use super::page;
+use super::recentring::Recentring;
 use super::show;
 use crate::engine::Mmae;
 use crate::par::RunControl;
@@ -54,6 +55,8 @@ pub(super) struct Results<'a> {
     pub(super) fine: &'a Summary,
     /// With those that were asked for.
     pub(super) summary: &'a Summary,
+    /// Beside an adaptive observer.
+    pub(super) recentring: Option<&'a Recentring>,
 }
 
 impl Results<'_> {
@@ -67,7 +70,7 @@ impl Results<'_> {
             RunControl::default().threads(self.args.threads.into()).cancel(signals.cancel());
         let written = output.add(FILES[0], |out| {
             let mut watch = Watch { out, signals: Some(signals) };
-            show::json(&mut watch, self.simulation, self.summary)
+            show::json(&mut watch, self.simulation, self.summary, self.recentring)
         });
         if signals.raised() {
             return Err(Failure::Cancelled);

@@ -4,6 +4,7 @@ use std::io::{self, Write};
 
 use serde::Serialize;
 
+use super::recentring::Recentring;
 use crate::report::{layout, significant};
 use crate::scenario::{Estimator, Simulation};
 use crate::sim::{LEVELS, Moment, Summary, Trajectory};
@@ -101,6 +102,8 @@ struct Document<'a> {
     statistics: Statistics<'a>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     per_trial: Vec<Each>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    recentring: Option<&'a Recentring>,
     record: Vec<Row<'a>>,
 }
 
@@ -136,6 +139,7 @@ pub(super) fn json(
     out: &mut dyn Write,
     simulation: &Simulation,
     summary: &Summary,
+    recentring: Option<&Recentring>,
 ) -> io::Result<()> {
     let (estimator, end) = (&simulation.estimator, summary.last());
     let rows = summary.record.iter().map(|m| Row {
@@ -162,6 +166,7 @@ pub(super) fn json(
         log_weights: numbers(&end.log_p),
         statistics: Statistics::new(end, estimator),
         per_trial: summary.kept.iter().map(|t| each(simulation, t, end.p.len())).collect(),
+        recentring,
         record: rows.collect(),
     };
     serde_json::to_writer(&mut *out, &document)?;

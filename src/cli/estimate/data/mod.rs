@@ -16,14 +16,14 @@ const TIMES: [&str; 2] = ["t", "time"];
 const PARQUET: &[u8] = b"PAR1";
 
 /// Samples in their order.
-pub(super) struct Record {
+pub(in super::super) struct Record {
     /// One time a sample, where the file has a column of them.
-    pub(super) t: Option<Vec<f64>>,
+    pub(in super::super) t: Option<Vec<f64>>,
     /// Shape (sample, output); NaN is missing.
-    pub(super) y: Vec<f64>,
+    pub(in super::super) y: Vec<f64>,
     /// Shape (sample, input).
-    pub(super) u: Vec<f64>,
-    pub(super) len: usize,
+    pub(in super::super) u: Vec<f64>,
+    pub(in super::super) len: usize,
 }
 
 /// Reads the columns that `names` asks for; others are left alone.
@@ -32,7 +32,7 @@ pub(super) struct Record {
 /// `Read`, `TooLarge`; `Invalid` with line (row of a table) and field number for a
 /// column that is missing, an entry that is no number, an input or time that is
 /// blank.
-pub(super) fn read(path: &Path, names: &Names) -> Result<Record, Error> {
+pub(in super::super) fn read(path: &Path, names: &Names) -> Result<Record, Error> {
     let bytes = source::read(path, LIMIT)?;
     let place = Place { file: path.display().to_string() };
     let record = if bytes.starts_with(PARQUET) {

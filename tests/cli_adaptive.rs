@@ -227,3 +227,28 @@ fn what_is_wrong_is_named_with_its_place() {
     let out = mmae(&["eip", &example("adaptive_nonlinear")]);
     assert_eq!(out.status.code(), Some(3), "{}", text(&out.stderr));
 }
+
+/// By how much the errors of the re-centred bank are smaller, at least.
+const THETA_FACTOR: f64 = 50.0;
+const STATE_FACTOR: f64 = 10.0;
+
+#[test]
+fn a_bank_that_is_recentred_beats_the_bank_alone() {
+    let got = json(&["run", &example("oscillator_recentred")]);
+    let r = &got["recentring"];
+    assert_eq!(r["moved"], 1.0);
+    let number = |v: &Value| v.as_f64().unwrap();
+    let theta = number(&r["theta_error_rms_alone"][0]) / number(&r["theta_error_rms"][0]);
+    let state = number(&r["x_error_rms_alone"]) / number(&r["x_error_rms"]);
+    assert!(theta > THETA_FACTOR && state > STATE_FACTOR, "{theta} {state}");
+    assert!((number(&r["theta_hat"][0]) - 2.4).abs() < 0.1);
+    // the new member stands where the lowest weight was, and holds the weight
+    let trial = &r["per_trial"][0];
+    assert_eq!(trial["moves"].as_array().unwrap().len(), 1);
+    // the fixed bank is told as ever
+    assert_eq!(got["parameters"][0], "wn");
+    assert!(number(&r["theta_hat_alone"][0]) <= 1.3);
+    let threads = json(&["run", &example("oscillator_recentred"), "--threads", "1"]);
+    assert_eq!(threads["recentring"], *r);
+    assert!(mmae(&["check", &example("oscillator_recentred")]).status.success());
+}

@@ -61,7 +61,8 @@ fn one(structure: &Structure, settings: &Settings, tuning: &Tuning) -> Result<()
     };
     let mode = worst(1.0)?;
     // false for NaN as well
-    if !(mode.eigenvalue.re < 0.0) {
+    let decays = mode.eigenvalue.re < 0.0;
+    if !decays {
         let opposite = worst(-1.0)?.eigenvalue.re < 0.0;
         return Err(Error::ObserverUnstable { eigenvalue: mode.eigenvalue, opposite });
     }

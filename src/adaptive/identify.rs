@@ -231,7 +231,7 @@ fn at(structure: &Structure, tuning: &Tuning, theta: &[f64]) -> Result<Identifia
     // a plant that cannot be simulated at all says nothing about its parameters
     let mut columns = columns.unwrap_or_else(|| vec![vec![0.0]; n + p]);
     let mut seen = columns.split_off(n);
-    let norms: Vec<f64> = seen.iter_mut().map(normalize).collect();
+    let norms: Vec<f64> = seen.iter_mut().map(|v| normalize(v)).collect();
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for mut column in columns {
         normalize(&mut column);
@@ -264,7 +264,7 @@ fn norm(v: &[f64]) -> f64 {
 }
 
 /// Brings a vector to length one (unless it is zero) and returns the length it had.
-fn normalize(v: &mut Vec<f64>) -> f64 {
+fn normalize(v: &mut [f64]) -> f64 {
     let length = norm(v);
     if length > 0.0 {
         v.iter_mut().for_each(|x| *x /= length);

@@ -79,7 +79,8 @@ pub fn solve_parameters(
             }
             damping *= 4.0;
         };
-        if !(square(&r) < square(&residual)) {
+        let better = square(&r) < square(&residual);
+        if !better {
             break;
         }
         damping *= 0.2;
@@ -88,7 +89,8 @@ pub fn solve_parameters(
             break;
         }
     }
-    if !(square(&residual).sqrt() < REACHED) {
+    let reached = square(&residual).sqrt() < REACHED;
+    if !reached {
         return Err(Error::Range {
             what: "misfit of the parameters behind theta".into(),
             value: square(&residual).sqrt(),

@@ -170,7 +170,8 @@ fn coordinates(probe: &Probe<'_>, direction: &[f64]) -> Option<Vec<f64>> {
         misfit = misfit.max((fit - right[(e, 0)]).abs());
     }
     // false for NaN as well
-    if !(misfit <= MISFIT * whole) {
+    let fits = misfit <= MISFIT * whole;
+    if !fits {
         return None;
     }
     let entry = |i: usize, j: usize| {

@@ -77,13 +77,13 @@ pub(super) fn run(args: &CheckArguments) -> Result<(), Failure> {
 fn adaptive(scenario: &Scenario) -> Result<Vec<ObserverSize>, scenario::Error> {
     let observers = scenario.adaptive_observers();
     let built = scenario.build_adaptive();
-    let mut first = None;
+    let (mut first, mut told) = (None, Vec::new());
     let mut sizes = Vec::new();
     for (observer, built) in observers.iter().zip(built) {
         let [states, inputs, outputs, parameters] = observer.structure.sizes();
         let refused = built.err();
         if let Some(e) = &refused {
-            say("warning", &format!("observer {} cannot be used: {e}", observer.name));
+            told.push(format!("observer {} cannot be used: {e}", observer.name));
             first.get_or_insert_with(|| scenario.explain_adaptive(e.clone(), &observer.name));
         }
         sizes.push(ObserverSize {
@@ -98,7 +98,7 @@ fn adaptive(scenario: &Scenario) -> Result<Vec<ObserverSize>, scenario::Error> {
     }
     match first {
         Some(e) if sizes.iter().all(|s| !s.usable) => return Err(e),
-        _ => {}
+        _ => told.iter().for_each(|text| say("warning", text)),
     }
     if scenario.has_run() {
         let cases = scenario.adaptive_cases(&[])?;
@@ -113,8 +113,11 @@ fn adaptive(scenario: &Scenario) -> Result<Vec<ObserverSize>, scenario::Error> {
 
 /// Sees that `mmae run` could begin.
 fn simulates(scenario: &Scenario) -> Result<(), scenario::Error> {
-    let experiment = scenario.simulation(&[])?.experiment(Vec::new());
-    experiment.check(&RunControl::default()).map_err(|e| scenario.explain_run(e))
+    let simulation = scenario.simulation(&[])?;
+    let beside = scenario.recentring(&simulation)?;
+    let experiment = simulation.experiment(Vec::new());
+    experiment.check(&RunControl::default()).map_err(|e| scenario.explain_run(e))?;
+    beside.map_or(Ok(()), |b| b.check().map_err(|e| scenario.explain_run(e)))
 }
 
 fn print_text(

@@ -92,6 +92,51 @@ pub struct Move {
 }
 
 /// A bank with an adaptive observer beside it.
+///
+/// ```
+/// use std::sync::Arc;
+/// use mmae::adaptive::{self, Adaptive, FnRegressor, Prior, Structure, Tuning, Unknown};
+/// use mmae::bank::{Members, Settings};
+/// use mmae::engine::{Recentre, Recentred, Weighting};
+/// use mmae::model::{Plant, Time};
+/// use mmae::observer::ObserverKind;
+/// use mmae::weight::Law;
+/// use mmae::{Mat, mat};
+/// // x' = -a x + u: models of a = 1 and 2, and a plant of a = 4
+/// let plant = |a: f64| Plant {
+///     time: Time::Continuous,
+///     A: mat![[-a]], B: mat![[1.0]], G: mat![[1.0]], C: mat![[1.0]],
+///     Q: mat![[1e-4]], R: mat![[1e-6]],
+/// };
+/// let members = Members::new(ObserverKind::KalmanBucy, vec![plant(1.0), plant(2.0)]);
+/// let settings = Settings { dt: Some(0.01), ..Settings::default() };
+/// let weighting = Weighting { law: Law::Likelihood, ..Weighting::default() };
+/// let input = FnRegressor::new(0, |_, u, _, _, known| known[0] = u[0]);
+/// let structure = Structure {
+///     states: vec!["x".into()], outputs: vec!["x".into()], inputs: 1,
+///     unknown: vec![Unknown::entry("-a", 0, 0)], regressor: Arc::new(input),
+/// };
+/// let prior = Prior::uniform(1e6, 1);
+/// let tuning = Tuning::new(mat![[0.0]], mat![[1.0]], mat![[3.0]], vec![-1.0], prior);
+/// let beside = adaptive::Settings { window: 200, ..adaptive::Settings::new(0.01) };
+/// let beside = Adaptive::new(structure, beside, vec![tuning])?;
+/// let rule = Recentre {
+///     window: 100, band: [0.6, 1.4], tolerance: 0.02, floor: 1e-3, most: 1,
+///     build: Arc::new(move |theta| Ok(plant(-theta[0]))),
+/// };
+/// let mut both = Recentred::new(members, settings, &weighting, &[1.0, 1.0], beside, rule)?;
+/// let (mut x, mut before) = (0.0, 0.0);
+/// for k in 0..2000 {
+///     let u = (0.01 * f64::from(k)).sin();
+///     both.step(&[u], &[x], &[0.5 * (before + u)])?;
+///     x = u / 4.0 + (x - u / 4.0) * (-0.04_f64).exp(); // u is held
+///     before = u;
+/// }
+/// let moved = &both.moves()[0];
+/// assert!((moved.theta[0] + 4.0).abs() < 0.05);
+/// assert_eq!(both.mmae().estimate().best, Some(moved.member));
+/// # Ok::<(), mmae::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 pub struct Recentred {
     mmae: Mmae,

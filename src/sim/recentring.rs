@@ -50,13 +50,17 @@ pub struct RecentringTrial {
 }
 
 impl RecentringTrials {
-    /// Runs the trials; the same bits for any number of threads.
+    /// Sees that the trials could begin.
     ///
     /// # Errors
-    /// As [`MonteCarlo::run`] and [`Recentred::new`].
-    pub fn run(&self, control: &RunControl<'_>) -> Result<Vec<RecentringTrial>> {
+    /// As [`Recentred::new`].
+    pub fn check(&self) -> Result<()> {
+        self.beside().map(|_| ())
+    }
+
+    /// The bank with the adaptive observer beside it, at the start.
+    fn beside(&self) -> Result<Recentred> {
         let e = &self.experiment;
-        let alone = Mmae::new(&e.members, &e.settings, &e.weighting, &e.prior)?;
         let one = vec![self.tuning.clone()];
         let adaptive = Adaptive::new(self.structure.clone(), self.settings.clone(), one).map_err(
             |e| match e {
@@ -65,8 +69,17 @@ impl RecentringTrials {
             },
         )?;
         let (members, rule) = (e.members.clone(), self.rule.clone());
-        let beside =
-            Recentred::new(members, e.settings.clone(), &e.weighting, &e.prior, adaptive, rule)?;
+        Recentred::new(members, e.settings.clone(), &e.weighting, &e.prior, adaptive, rule)
+    }
+
+    /// Runs the trials; the same bits for any number of threads.
+    ///
+    /// # Errors
+    /// As [`MonteCarlo::run`] and [`Recentred::new`].
+    pub fn run(&self, control: &RunControl<'_>) -> Result<Vec<RecentringTrial>> {
+        let e = &self.experiment;
+        let alone = Mmae::new(&e.members, &e.settings, &e.weighting, &e.prior)?;
+        let beside = self.beside()?;
         let trials = usize::try_from(e.trials).unwrap_or(usize::MAX);
         let plan = e.plan(&alone, control)?;
         let parts = par::try_map_chunks(control, trials, LANES, |range| {

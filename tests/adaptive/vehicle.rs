@@ -142,7 +142,7 @@ fn the_transfer_function_is_identified() {
         let theta = observer.record(&RunControl::default(), steps, &u, &y, 1).unwrap();
         for (share, key) in [(0.05, "t5"), (0.01, "t1")] {
             let (got, want) = (settled(&theta, &truth, h, share), number(&case[key]));
-            assert!((got - want).abs() < 0.5, "P0 = {p0}, {key}: {got} for {want}");
+            assert!((got - want).abs() < 0.02 * want, "P0 = {p0}, {key}: {got} for {want}");
         }
         let got = observer.theta(0);
         let want = vector(&case["TF"]["60"]);

@@ -117,7 +117,6 @@ fn refused(scenario: &Scenario, observers: &[AdaptiveObserver]) -> Result<Vec<Re
     let mut first = None;
     for (index, (result, observer)) in built.into_iter().zip(observers).enumerate() {
         let Err(error) = result else { continue };
-        say("warning", &format!("observer {} cannot be used: {error}", observer.name));
         refused.push(Refused::new(index, observer, &error));
         first.get_or_insert((error, observer.name.clone()));
     }
@@ -125,7 +124,12 @@ fn refused(scenario: &Scenario, observers: &[AdaptiveObserver]) -> Result<Vec<Re
         Some((error, name)) if refused.len() == observers.len() => {
             Err(scenario.explain_adaptive(error, &name).into())
         }
-        _ => Ok(refused),
+        _ => {
+            for Refused { observer, message, .. } in &refused {
+                say("warning", &format!("observer {observer} cannot be used: {message}"));
+            }
+            Ok(refused)
+        }
     }
 }
 

@@ -49,7 +49,7 @@ fn stack(answer: &Answer, title: &str, time: &str, what: &str, panels: Vec<Panel
         key.push(mark(Layer::Wide(vec![], vec![]), "90 % of the trials"));
         key.push(mark(Layer::Narrow(vec![], vec![]), "50 %"));
     } else {
-        key.push(mark(Layer::Wide(vec![], vec![]), "two standard deviations"));
+        key.push(mark(Layer::Wide(vec![], vec![]), "two standard deviations of the estimate"));
     }
     if answer.case.is_some() {
         key.push(mark(Layer::Truth(vec![]), "plant"));

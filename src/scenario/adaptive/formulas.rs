@@ -28,17 +28,16 @@ impl Quantities {
         let inner = Table::named(reader, &path, value.span().start, map)?;
         for (name, span, value) in inner.in_order() {
             let key = inner.key(name);
-            let fault = match () {
-                () if !is_name(name) => Some(("not a name", "use letters, digits and _")),
-                () if CONSTANTS.iter().any(|(n, _)| *n == name)
-                    || FUNCTIONS.iter().any(|f| f.name == name) =>
-                {
-                    Some(("the name of a constant or a function", "choose another name"))
-                }
-                () if found.names.iter().any(|n| n == name) => {
-                    Some(("a name that is taken", "choose another name"))
-                }
-                () => None,
+            let builtin = CONSTANTS.iter().any(|(n, _)| *n == name)
+                || FUNCTIONS.iter().any(|f| f.name == name);
+            let fault = if !is_name(name) {
+                Some(("not a name", "use letters, digits and _"))
+            } else if builtin {
+                Some(("the name of a constant or a function", "choose another name"))
+            } else if found.names.iter().any(|n| n == name) {
+                Some(("a name that is taken", "choose another name"))
+            } else {
+                None
             };
             if let Some((message, remedy)) = fault {
                 return reader.error(span.start, &key, message, remedy);

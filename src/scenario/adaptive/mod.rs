@@ -76,8 +76,8 @@ impl Physical {
         }
     }
 
-    /// The physical parameters of `theta` with their standard deviations, of its
-    /// covariance `P` times `scale`.
+    /// The physical parameters of `theta` with their standard deviations, from those of
+    /// `theta` and its correlation.
     ///
     /// # Errors
     /// As [`solve_parameters`](crate::adaptive::solve_parameters).

@@ -186,6 +186,7 @@ fn adaptive_alone<'a>(table: &Table<'_, 'a>, title: Option<String>) -> Option<Sc
         truth: None,
         signals: maybe(signals)?.unwrap_or_default(),
         run: maybe(run)?,
+        unmodelled: None,
         settings: None,
         adaptive: Some(section),
         warnings: Vec::new(),

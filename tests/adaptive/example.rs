@@ -77,6 +77,6 @@ pub(crate) fn runge_kutta<const N: usize>(
 pub(crate) fn settled(theta: &[f64], truth: &[f64], dt: f64, share: f64) -> f64 {
     let inside = |row: &[f64]| row.iter().zip(truth).all(|(v, w)| (v - w).abs() <= share * w.abs());
     let rows = theta.chunks_exact(truth.len());
-    let last_out = rows.enumerate().filter(|(_, row)| !inside(row)).map(|(k, _)| k + 1).last();
+    let last_out = rows.enumerate().filter(|(_, row)| !inside(row)).map(|(k, _)| k + 1).next_back();
     last_out.unwrap_or(0) as f64 * dt
 }

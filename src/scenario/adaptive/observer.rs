@@ -14,7 +14,9 @@ use super::super::table::Table;
 use super::formulas::{Quantities, is_name, vector};
 use super::truth::Truth;
 use super::{AdaptiveObserver, Physical};
-use crate::adaptive::{FnRegressor, Prior, Reading, Settings, Structure, Tuning, Unknown};
+use crate::adaptive::{
+    FnRegressor, Prior, Reading, Regressor, Settings, Structure, Tuning, Unknown,
+};
 use crate::model::Names;
 
 /// An observer, read.
@@ -181,7 +183,7 @@ fn regressor(
     columns: Vec<Entry>,
     known: Vec<Entry>,
     constants: Vec<f64>,
-) -> FnRegressor<impl Fn(f64, &[f64], &[f64], &mut [f64], &mut [f64]) + Send + Sync> {
+) -> impl Regressor + use<> {
     FnRegressor::new(columns.len() / n, move |t, u, y, gamma, out| {
         // on the stack where it fits: this runs once a sample and observer
         let mut few = [0.0; 32];

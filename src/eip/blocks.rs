@@ -14,7 +14,7 @@ use crate::par::RunControl;
 /// Pairs of plant and model in a block of the usual size.
 const PAIRS: usize = 1 << 18;
 /// Plants of a block of the usual size: at least, and at most.
-const PLANTS: [usize; 2] = [256, 8192];
+const PLANTS: [usize; 2] = [256, 4096];
 
 /// Some consecutive plants of the grid.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,7 +32,7 @@ pub struct Block {
 }
 
 impl Study {
-    /// Plants of a block of the usual size: some 2^18 pairs, from 256 to 8192
+    /// Plants of a block of the usual size: some 2^18 pairs, from 256 to 4096
     /// plants.
     pub fn usual_block(&self) -> usize {
         let pairs = self.bank.models.len().max(1) * self.delays.len().max(1);

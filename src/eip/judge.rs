@@ -159,7 +159,7 @@ impl<'a> Judge<'a> {
             every = Some(self.sample());
             judged = self.first_pass(plants, every, &silent)?;
         }
-        if let Some(every) = every {
+        if let Some(every) = every.filter(|every| *every > 1) {
             self.look_around(plants, every, &judged, &silent)?;
             self.second_pass(plants, every, &silent, &mut judged)?;
         }

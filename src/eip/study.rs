@@ -134,7 +134,7 @@ impl Study {
                 ),
                 bytes,
                 limit: self.memory_limit,
-                remedy: "use a smaller grid, or raise memory_limit",
+                remedy: "use a smaller grid, raise memory_limit, or compute it in blocks (--shard)",
             });
         }
         let method = self.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));

@@ -124,7 +124,11 @@ fn what_cannot_be_placed_is_told() {
     refuse(&["--anchor", "1.5"], 3, "anchor");
     refuse(&["--excess", "-1"], 3, "bound");
     let two = format!("{}/examples/two_parameters.toml", env!("CARGO_MANIFEST_DIR"));
-    let out = mmae(&["place", &two]);
+    let out = mmae(&["place", &two, "--anchor", "1"]);
     assert_eq!(out.status.code(), Some(3));
     assert!(String::from_utf8_lossy(&out.stderr).contains("several parameters"));
+    // one plant more than may be nominal values
+    let out = mmae(&["place", &two]);
+    assert_eq!(out.status.code(), Some(7));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("coarser grid"));
 }

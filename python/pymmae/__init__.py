@@ -3,7 +3,7 @@
 Equations on stacked arrays: :func:`care`, :func:`dare`, :func:`lyap`, :func:`sylvester`,
 :func:`riccati_ode`. Scenarios (:class:`Scenario`, :class:`Family`) and what can be asked of
 them, as labelled datasets: :func:`eip`, :func:`place`, :func:`estimate`, :func:`run`,
-:func:`monte_carlo`. Pictures of these: ``pymmae.plot``.
+:func:`monte_carlo`; :func:`sweep` for grids larger than a machine. Pictures: ``pymmae.plot``.
 
 All engine work runs without the interpreter lock, on ``threads`` threads, and stops at
 Ctrl-C. Results have the same bits for any number of threads. What goes wrong is a subclass
@@ -16,6 +16,7 @@ where it is; others are copied once, before the lock is released.
 """
 
 from ._core import CPU_TIER, VERSION
+from ._sweep import Sweep, sweep
 from .errors import (
     Cancelled,
     DTypeError,
@@ -52,6 +53,7 @@ __all__ = [
     "ScenarioError",
     "ScenarioWarning",
     "Solutions",
+    "Sweep",
     "SweepError",
     "VERSION",
     "care",
@@ -63,5 +65,6 @@ __all__ = [
     "place",
     "riccati_ode",
     "run",
+    "sweep",
     "sylvester",
 ]

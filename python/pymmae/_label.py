@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from . import _core
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Variables = dict[str, tuple[Any, ...]]
 
@@ -63,5 +65,9 @@ def channels(dim: str, names: Sequence[str], count: int, units: Mapping[str, str
 
 def dataset(variables: Variables, coords: Variables, facts: Mapping[str, Any]) -> xr.Dataset:
     """The dataset with the version of the engine among its attributes."""
+    # here and nowhere else: it takes most of the time that importing the package would,
+    # and workers of a sweep do without
+    import xarray as xr
+
     known = {key: value for key, value in facts.items() if value is not None}
     return xr.Dataset(variables, coords, {**known, "version": _core.VERSION})

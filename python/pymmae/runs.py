@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from . import _core
@@ -14,6 +13,9 @@ from ._label import Variables, attrs, channels, dataset, models, texts
 from ._progress import Progress, reporting
 from .errors import InputError
 from .scenario import Scenario, ScenarioLike, scenario_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _ONE = "1"
 _STATE, _OUTPUT, _INPUT = (f"units of the {what}" for what in ("state", "output", "input"))

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from . import _core
@@ -16,6 +15,9 @@ from ._label import Variables, attrs, dataset, models, own_names, texts
 from ._progress import Progress, reporting
 from .errors import InputError
 from .scenario import ScenarioLike, scenario_of
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 _UNITS = {"ito": "1/s", "baram": "1", "identity": "squared units of the output"}
 _NAMES = {"upsilon", "error", "winner", "margin", "status", "boundary", "interval", "label"}

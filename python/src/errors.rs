@@ -1,6 +1,7 @@
 //! Errors of the engine as the exceptions of `pymmae.errors`.
 
-use mmae::{Error, scenario};
+use mmae::report::write;
+use mmae::{Error, scenario, sweep};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -89,4 +90,17 @@ pub(crate) fn diagnostic<'py>(
 /// A record or trial that came to nothing.
 pub(crate) fn numerical(py: Python<'_>, message: &str, code: &str) -> PyErr {
     raise(py, "NumericalError", message, code)
+}
+
+/// Why a shard or a merge did not come to its end.
+pub(crate) fn sweep(py: Python<'_>, error: &sweep::Error) -> PyErr {
+    let text = error.to_string();
+    match error {
+        sweep::Error::Engine(error) => engine(py, error),
+        sweep::Error::Files(write::Error::Locked { .. }) => raise(py, "FileError", &text, "locked"),
+        sweep::Error::Files(_) => raise(py, "FileError", &text, "write"),
+        sweep::Error::Stopped { .. } => raise(py, "Cancelled", &text, "cancelled"),
+        sweep::Error::Incomplete { .. } => raise(py, "SweepError", &text, "incomplete"),
+        _ => raise(py, "InputError", &text, "conflict"),
+    }
 }

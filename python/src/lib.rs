@@ -9,6 +9,7 @@ mod guard;
 mod pack;
 mod scenario;
 mod solvers;
+mod sweep;
 mod table;
 mod trials;
 
@@ -27,6 +28,8 @@ mod _core {
     use super::scenario::Scenario;
     #[pymodule_export]
     use super::solvers::{care, lyapunov, riccati_ode, sylvester, where_from};
+    #[pymodule_export]
+    use super::sweep::{blocks, complete, merge, shard};
     #[pymodule_export]
     use super::trials::trials;
 

@@ -16,6 +16,8 @@ use crate::table::Table;
 #[pyclass(frozen, module = "pymmae._core")]
 pub(crate) struct Scenario {
     pub(crate) inner: scenario::Scenario,
+    /// As it was given, for the digest of a study.
+    pub(crate) text: String,
 }
 
 #[pymethods]
@@ -36,7 +38,8 @@ impl Scenario {
             None => scenario::Scenario::parse(name, text),
             Some(family) => scenario::Scenario::parse_with(name, text, family),
         })?;
-        Ok(Self { inner: parsed.map_err(|e| errors::scenario(py, &e))? })
+        let inner = parsed.map_err(|e| errors::scenario(py, &e))?;
+        Ok(Self { inner, text: text.into() })
     }
 
     /// Title, names and warnings.

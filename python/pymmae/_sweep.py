@@ -169,6 +169,11 @@ def sweep(
         rest = Sweep(folder, "", **facts, seconds=time.monotonic() - began)
         raise _left_out(book.failed, count, rest)
     directories = [str(job.directory(task)) for task in range(1, count + 1)]
+    if force:
+        # the earlier result goes when the new one is there, and nothing else with it
+        for table in ("plants", "upsilon"):
+            shutil.rmtree(target / table, ignore_errors=True)
+        (target / "manifest.json").unlink(missing_ok=True)
     sha256 = _core.merge(directories, str(target), force)
     if not keep_shards:
         shutil.rmtree(folder, ignore_errors=True)

@@ -114,8 +114,7 @@ pub(crate) fn merge(
     out: PathBuf,
     force: bool,
 ) -> PyResult<String> {
-    let merged = guard::long(py, &Call::default(), |_| {
-        sweep::merge(&dirs, &out, force, &mut |_| {})
-    })?;
+    let merged =
+        guard::long(py, &Call::default(), |_| sweep::merge(&dirs, &out, force, &mut |_| {}))?;
     Ok(merged.map_err(|e| errors::sweep(py, &e))?.written.sha256)
 }

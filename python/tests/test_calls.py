@@ -38,6 +38,8 @@ def test_ctrl_c_answers_within_half_a_second():
         """
         import os, signal, threading, time
         from pymmae import _core
+        # a job in the background is started deaf to it
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         def press():
             time.sleep(0.5)
             global pressed
@@ -59,6 +61,7 @@ def test_ctrl_c_stops_a_study():
         """
         import os, signal, threading, time
         import pymmae
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         scenario = {"plant": {"family": "pendulum"}, "bank": {"models": {"L": [1.0, 1.5]}},
                     "eip": {"grid": {"L": {"from": 0.9, "to": 1.9, "points": 5_000_001}}}}
         threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()

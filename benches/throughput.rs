@@ -3,9 +3,9 @@
 //!
 //! `cargo bench --bench throughput` prints a table, `-- --json` one object
 //! (`{"care_n4": {"rate": .., "checksum": ..}}`, problems or pairs per second),
-//! `-- --test` runs every case once, small. `--case NAME`, `--seconds S`,
-//! `--rounds K` (the best counts), `--threads N` narrow it; `--list` names the
-//! cases. Every result is checked
+//! `-- --test` runs every case once, small, `--passes K` so many times, for
+//! `benches/instructions/run.sh`. `--case NAME`, `--seconds S`, `--rounds K` (the best
+//! counts), `--threads N` narrow it; `--list` names the cases. Every result is checked
 //! before it is timed. `benches/peers/run.sh` compares these rates with other
 //! libraries' on the same problems, whose formula is in
 //! `benches/peers/problems.py`.
@@ -373,6 +373,8 @@ struct Arguments {
     seconds: f64,
     rounds: usize,
     threads: usize,
+    /// Only so many passes over the sizes of a test, for counting instructions.
+    passes: usize,
 }
 
 fn arguments() -> Any<Arguments> {
@@ -384,6 +386,7 @@ fn arguments() -> Any<Arguments> {
         seconds: 1.0,
         rounds: 5,
         threads: 1,
+        passes: 0,
     };
     let mut bench = false;
     let mut rest = std::env::args().skip(1);
@@ -397,12 +400,13 @@ fn arguments() -> Any<Arguments> {
             "--seconds" => out.seconds = value()?.parse()?,
             "--rounds" => out.rounds = value()?.parse()?,
             "--threads" => out.threads = value()?.parse()?,
+            "--passes" => out.passes = value()?.parse()?,
             "--bench" => bench = true,
             other => return Err(format!("{other} is not known; see the top of the file").into()),
         }
     }
     // `cargo bench` says --bench, `cargo test` says nothing.
-    out.test |= !(bench || out.json || out.list);
+    out.test |= out.passes > 0 || !(bench || out.json || out.list);
     Ok(out)
 }
 
@@ -442,6 +446,9 @@ fn main() -> Any<()> {
             continue;
         }
         let outcome = if asked.test {
+            for _ in 1..asked.passes {
+                run(&control)?;
+            }
             run(&control).map(|pass| (0.0, pass.checksum))
         } else {
             measure(&run, &control, &asked)

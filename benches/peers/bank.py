@@ -1,5 +1,8 @@
 """The bank given its measurements: steady Kalman filters of N models on T records."""
 
+import os
+import subprocess
+
 import numpy as np
 import scipy.linalg as sl
 from problems import CHECKED_RECORDS, bank_problem
@@ -19,6 +22,15 @@ try:
     from filterpy.kalman import KalmanFilter
 except ImportError:
     KalmanFilter = None
+try:
+    import torch
+    import torch_kf
+
+    torch.set_num_threads(1)
+except ImportError:
+    torch = None
+# Built by run.sh where a compiler and Eigen are there.
+EIGEN = os.environ.get("PEERS_EIGEN")
 
 
 def design(a, c):
@@ -150,8 +162,57 @@ def with_filterpy(name):
     return run
 
 
+def with_torch_kf(name):
+    """All models and records as one batch; it recomputes the covariance of every record."""
+    a, c, y = bank_problem(name)
+    p, _, _ = design(a, c)
+    models, n = a.shape[:2]
+    records, steps, q = y.shape
+
+    def tensor(x):
+        return torch.tensor(x, dtype=torch.float64)
+
+    one = torch_kf.KalmanFilter(
+        tensor(a[:, None]), tensor(c[:, None]), torch.eye(n, dtype=torch.float64), torch.eye(q, dtype=torch.float64)
+    )
+    seen = tensor(y).permute(1, 0, 2)[:, None, :, :, None]
+
+    def run():
+        with torch.no_grad():
+            mean = torch.zeros((models, records, n, 1), dtype=torch.float64)
+            state = torch_kf.GaussianState(mean, tensor(p[:, None]).expand(-1, records, -1, -1).clone())
+            log_lik = torch.zeros((models, records), dtype=torch.float64)
+            for t in range(steps):
+                projection = one.project(state)
+                log_lik += projection.log_likelihood(seen[t]).reshape(models, records)
+                state = one.predict(one.update(state, seen[t], projection=projection))
+            return models * records * steps, summary(log_lik.numpy(), steps)
+
+    return run
+
+
+def with_eigen(kind, name):
+    """A pass of the C++ program, which waits for a line each time."""
+    program = subprocess.Popen(
+        [EIGEN, f"{kind}_{name}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+
+    def run():
+        program.stdin.write("\n")
+        program.stdin.flush()
+        items, checksum = program.stdout.readline().split()
+        return float(items), float(checksum)
+
+    return run
+
+
 def contenders(name):
     out = {"NumPy, panel": numpy_panel(name)}
+    if EIGEN:
+        out["Eigen, a filter a record"] = with_eigen("record", name)
+        out["Eigen, records in lanes"] = with_eigen("lanes", name)
+    if torch is not None:
+        out["torch-kf"] = with_torch_kf(name)
     if jax is not None:
         out["JAX, jit and scan"] = jax_scan(name)
     if simdkalman is not None:
@@ -224,6 +285,8 @@ def simulate_jax(name):
 
 def simulators(name):
     out = {"NumPy, panel": simulate_numpy(name)}
+    if EIGEN:
+        out["Eigen, a trial at a time"] = with_eigen("simulate", name)
     if jax is not None:
         out["JAX, jit and scan"] = simulate_jax(name)
     return out

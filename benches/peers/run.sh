@@ -1,5 +1,5 @@
 #!/bin/sh
-# Our rates beside those of SciPy, SLICOT, NumPy, JAX and filter libraries on the same
+# Our rates beside those of SciPy, SLICOT, NumPy, JAX, Eigen and filter libraries on the same
 # problems in the same run.
 #
 #   benches/peers/run.sh [--rounds 7] [--seconds 0.3] [--case care_n8] [--out FILE]
@@ -24,11 +24,23 @@ if ! "$venv/bin/python" -c 'import scipy' 2>/dev/null; then
     # A wheel exists for few platforms and a build needs Fortran: go on without.
     "$venv/bin/pip" install --quiet --disable-pip-version-check slycot 2>/dev/null ||
         echo "slycot could not be installed: the comparison with SLICOT is left out" >&2
-    for peer in 'jax[cpu]' simdkalman filterpy; do
+    for peer in 'jax[cpu]' simdkalman filterpy torch-kf; do
         "$venv/bin/pip" install --quiet --disable-pip-version-check "$peer" 2>/dev/null ||
             echo "$peer could not be installed: it is left out" >&2
     done
 fi
+
+# The C++ contender, where a compiler and Eigen (Debian: libeigen3-dev) are there.
+eigen=${CXX:-g++}
+for include in ${EIGEN3_INCLUDE_DIR:-} /usr/include/eigen3 /usr/local/include/eigen3; do
+    if [ -e "$include/Eigen/Dense" ]; then
+        "$eigen" -std=c++17 -O3 -march=native -DNDEBUG -I"$include" "$here/eigen.cpp" -o "$venv/eigen" &&
+            PEERS_EIGEN=$venv/eigen && export PEERS_EIGEN
+        break
+    fi
+done
+[ -n "${PEERS_EIGEN:-}" ] ||
+    echo "no C++ compiler with Eigen: the comparison with it is left out (apt-get install g++ libeigen3-dev)" >&2
 
 program=$(cargo bench --no-run --bench throughput --message-format=json |
     "$venv/bin/python" -c '

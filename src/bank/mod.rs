@@ -19,6 +19,7 @@ mod advance;
 mod change;
 mod continuous;
 mod covariance;
+mod filter;
 mod gains;
 mod matrices;
 mod members;
@@ -26,6 +27,7 @@ mod schedule;
 mod states;
 mod stream;
 
+pub(crate) use filter::{Filter, filter_step};
 pub use gains::{Coefficients, GainMode, Gains, Settings};
 pub(crate) use matrices::whitener;
 pub use members::{Initial, Members, StartTime};

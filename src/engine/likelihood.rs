@@ -3,7 +3,7 @@
 use super::arrays::Arrays;
 use super::mmae::Mmae;
 use super::weighting::Innovation;
-use crate::bank::{Repeat, Schedule, correct, propagate, whiten};
+use crate::bank::{Filter, Repeat, Schedule, correct, filter_step, innovate, propagate, whiten};
 use crate::error::Result;
 use crate::par::{RunControl, map_parts};
 use crate::real::{LaneKernel, Real};
@@ -126,10 +126,15 @@ impl Kernel for Totals<'_> {
     #[inline(always)]
     fn run<T: Real>(mut self) {
         // a coefficient that is loaded serves so many vectors of records
-        match self.schedule.n {
-            0..=3 => self.records::<T, 4>(),
-            4..=6 => self.records::<T, 2>(),
-            _ => self.records::<T, 1>(),
+        if const { T::TILE == 4 } {
+            match self.schedule.n {
+                0..=3 => self.records::<T, 4>(),
+                4..=6 => self.records::<T, 2>(),
+                _ => self.records::<T, 1>(),
+            }
+        } else {
+            // eight lanes are two registers already, and there are sixteen
+            self.records::<T, 1>();
         }
     }
 }
@@ -233,20 +238,28 @@ impl<T: Real, const V: usize> LaneKernel<T> for Tile<'_, T, V> {
 
     #[inline(always)]
     fn run(self) {
-        if T::UNROLLS {
-            match (self.schedule.n, self.schedule.q) {
-                (1, 1) if V == 4 => return self.sized::<1, 1>(),
-                (2, 1) if V == 4 => return self.sized::<2, 1>(),
-                (3, 1) if V == 4 => return self.sized::<3, 1>(),
-                (2, 2) if V == 4 => return self.sized::<2, 2>(),
-                (3, 2) if V == 4 => return self.sized::<3, 2>(),
-                (4, 1) if V == 2 => return self.sized::<4, 1>(),
-                (5, 1) if V == 2 => return self.sized::<5, 1>(),
-                (6, 1) if V == 2 => return self.sized::<6, 1>(),
-                (4, 2) if V == 2 => return self.sized::<4, 2>(),
-                (5, 2) if V == 2 => return self.sized::<5, 2>(),
-                (6, 2) if V == 2 => return self.sized::<6, 2>(),
-                _ => {}
+        if const { T::UNROLLS } {
+            let (n, q) = (self.schedule.n, self.schedule.q);
+            if const { V == 4 || T::TILE != 4 } {
+                match (n, q) {
+                    (1, 1) => return self.sized::<1, 1>(),
+                    (2, 1) => return self.sized::<2, 1>(),
+                    (3, 1) => return self.sized::<3, 1>(),
+                    (2, 2) => return self.sized::<2, 2>(),
+                    (3, 2) => return self.sized::<3, 2>(),
+                    _ => {}
+                }
+            }
+            if const { V == 2 || T::TILE != 4 } {
+                match (n, q) {
+                    (4, 1) => return self.sized::<4, 1>(),
+                    (5, 1) => return self.sized::<5, 1>(),
+                    (6, 1) => return self.sized::<6, 1>(),
+                    (4, 2) => return self.sized::<4, 2>(),
+                    (5, 2) => return self.sized::<5, 2>(),
+                    (6, 2) => return self.sized::<6, 2>(),
+                    _ => {}
+                }
             }
         }
         self.any();
@@ -256,84 +269,25 @@ impl<T: Real, const V: usize> LaneKernel<T> for Tile<'_, T, V> {
 impl<T: Real, const V: usize> Tile<'_, T, V> {
     #[inline(always)]
     fn sized<const N: usize, const Q: usize>(self) {
-        let Schedule { m, .. } = *self.schedule;
-        let (may, each) = (N * N + N * m + Q * N + Q * Q + 1, N * Q + Q * Q + 1);
-        let models = self.total.len() / V;
-        let steps = self.y.len() / (Q * V);
-        for s in 0..steps {
+        let sizes = [N, self.schedule.m, Q];
+        for (s, y) in self.y.as_chunks::<V>().0.as_chunks::<Q>().0.iter().enumerate() {
             let k = self.k + s as u64;
             let moves = k > 1 || self.moves_first;
             let Some([fixed, moving]) = self.schedule.of_all(self.schedule.place(k)) else {
                 return;
             };
-            let y = &self.y[s * Q * V..][..Q * V];
-            for i in 0..models {
-                let fixed = &fixed[i * may..][..may];
-                let (a, c) = (&fixed[..N * N], &fixed[N * N + N * m..][..Q * N]);
-                let moving = &moving[i * each..][..each];
-                let (gain, w, log_norm) =
-                    (&moving[..N * Q], &moving[N * Q..][..Q * Q], moving[N * Q + Q * Q]);
-                let state = &mut self.x[i * N * V..][..N * V];
-                let mut x = [[T::zero(); V]; N];
-                for j in 0..N {
-                    for v in 0..V {
-                        x[j][v] = state[j * V + v];
-                    }
-                }
-                if moves {
-                    let mut next = [[T::zero(); V]; N];
-                    for r in 0..N {
-                        for j in 0..N {
-                            let a = T::splat(a[r * N + j]);
-                            for v in 0..V {
-                                next[r][v] = a.mul_add(x[j][v], next[r][v]);
-                            }
-                        }
-                    }
-                    x = next;
-                }
-                let mut r = [[T::zero(); V]; Q];
-                for p in 0..Q {
-                    for v in 0..V {
-                        r[p][v] = y[p * V + v];
-                    }
-                    for j in 0..N {
-                        let c = T::splat(c[p * N + j]);
-                        for v in 0..V {
-                            r[p][v] = c.neg_mul_add(x[j][v], r[p][v]);
-                        }
-                    }
-                }
-                let mut square = [T::zero(); V];
-                for p in 0..Q {
-                    let mut z = [T::zero(); V];
-                    for j in 0..=p {
-                        let w = T::splat(w[p * Q + j]);
-                        for v in 0..V {
-                            z[v] = w.mul_add(r[j][v], z[v]);
-                        }
-                    }
-                    for v in 0..V {
-                        square[v] = z[v].mul_add(z[v], square[v]);
-                    }
-                }
-                let log_norm = T::splat(log_norm);
-                let total = &mut self.total[i * V..][..V];
+            let states = self.x.as_chunks_mut::<V>().0.as_chunks_mut::<N>().0;
+            let totals = self.total.as_chunks_mut::<V>().0;
+            for i in 0..totals.len() {
+                let filter = Filter::of(i, fixed, moving, sizes);
+                // in registers
+                let mut x = states[i];
+                let square = filter_step::<T, N, Q, V>(filter, moves, &[], y, &mut x);
+                states[i] = x;
+                let log_norm = T::splat(filter.log_norm);
                 for v in 0..V {
-                    total[v] = total[v] + T::splat(0.5).neg_mul_add(square[v], log_norm);
-                }
-                for j in 0..N {
-                    for p in 0..Q {
-                        let k = T::splat(gain[j * Q + p]);
-                        for v in 0..V {
-                            x[j][v] = k.mul_add(r[p][v], x[j][v]);
-                        }
-                    }
-                }
-                for j in 0..N {
-                    for v in 0..V {
-                        state[j * V + v] = x[j][v];
-                    }
+                    let more = T::splat(0.5).neg_mul_add(square[v], log_norm);
+                    totals[i][v] = totals[i][v] + more;
                 }
             }
         }
@@ -343,45 +297,33 @@ impl<T: Real, const V: usize> Tile<'_, T, V> {
     #[inline(always)]
     fn any(self) {
         let Schedule { n, m, q, .. } = *self.schedule;
-        let (may, each) = (n * n + n * m + q * n + q * q + 1, n * q + q * q + 1);
-        let models = self.total.len() / V;
         let steps = self.y.len() / (q * V);
         let room = |len: usize| vec![T::zero(); len];
-        let (mut x, mut next, mut r) = (room(n), room(n), room(q));
+        let (mut x, mut next, mut y, mut r) = (room(n), room(n), room(q), room(q));
         for s in 0..steps {
             let k = self.k + s as u64;
             let moves = k > 1 || self.moves_first;
             let Some([fixed, moving]) = self.schedule.of_all(self.schedule.place(k)) else {
                 return;
             };
-            for i in 0..models {
-                let fixed = &fixed[i * may..][..may];
-                let (a, c) = (&fixed[..n * n], &fixed[n * n + n * m..][..q * n]);
-                let moving = &moving[i * each..][..each];
-                let (gain, w, log_norm) =
-                    (&moving[..n * q], &moving[n * q..][..q * q], moving[n * q + q * q]);
+            for i in 0..self.total.len() / V {
+                let f = Filter::of(i, fixed, moving, [n, m, q]);
                 for v in 0..V {
                     for j in 0..n {
                         x[j] = self.x[(i * n + j) * V + v];
                     }
                     for p in 0..q {
-                        r[p] = self.y[(s * q + p) * V + v];
+                        y[p] = self.y[(s * q + p) * V + v];
                     }
                     if moves {
-                        propagate(Repeat(a), Repeat(&[]), &[], &mut x, &mut next);
+                        propagate(Repeat(f.a), Repeat(f.b), &[], &mut x, &mut next);
                     }
-                    for p in 0..q {
-                        let mut sum = r[p];
-                        for j in 0..n {
-                            sum = T::splat(c[p * n + j]).neg_mul_add(x[j], sum);
-                        }
-                        r[p] = sum;
-                    }
-                    let square = whiten(Repeat(w), &r);
+                    innovate(Repeat(f.c), &x, &y, &mut r);
+                    let square = whiten(Repeat(f.w), &r);
                     let at = i * V + v;
-                    let more = T::splat(0.5).neg_mul_add(square, T::splat(log_norm));
+                    let more = T::splat(0.5).neg_mul_add(square, T::splat(f.log_norm));
                     self.total[at] = self.total[at] + more;
-                    correct(Repeat(gain), &r, &mut x);
+                    correct(Repeat(f.k), &r, &mut x);
                     for j in 0..n {
                         self.x[(i * n + j) * V + v] = x[j];
                     }

@@ -101,6 +101,24 @@ pub fn ln<T: Real>(x: T) -> T {
     let two_54 = 18_014_398_509_481_984.0;
     let (m, e) = T::select(subnormal, x * T::splat(two_54), x).split();
     let e = T::select(subnormal, e - T::splat(54.0), e);
+    let result = ln_of_parts(m, e);
+    // Zero, infinity, NaN and negative numbers.
+    let infinite = x.eq(T::splat(f64::INFINITY));
+    let result = T::select(infinite, x, result);
+    let result = T::select(x.eq(T::zero()), T::splat(f64::NEG_INFINITY), result);
+    T::select(x.ge(T::zero()), result, T::splat(f64::NAN))
+}
+
+/// `ln x` of a positive normal number, with the bits of [`ln`].
+#[inline(always)]
+pub(crate) fn ln_of_normal<T: Real>(x: T) -> T {
+    let (m, e) = x.split();
+    ln_of_parts(m, e)
+}
+
+/// `ln(2^e m)`, `1 <= m < 2`.
+#[inline(always)]
+fn ln_of_parts<T: Real>(m: T, e: T) -> T {
     // 1 + f in [sqrt(1/2), sqrt(2)).
     let high = m.gt(T::splat(std::f64::consts::SQRT_2));
     let m = T::select(high, m * T::splat(0.5), m);
@@ -111,10 +129,5 @@ pub fn ln<T: Real>(x: T) -> T {
     let half_square = f * f * T::splat(0.5);
     let correction = s * poly(&ATANH, z).mul_add(z, half_square);
     let correction = k.mul_add(T::splat(LN_2_LOW), correction);
-    let result = k.mul_add(T::splat(LN_2), f - (half_square - correction));
-    // Zero, infinity, NaN and negative numbers.
-    let infinite = x.eq(T::splat(f64::INFINITY));
-    let result = T::select(infinite, x, result);
-    let result = T::select(x.eq(T::zero()), T::splat(f64::NEG_INFINITY), result);
-    T::select(x.ge(T::zero()), result, T::splat(f64::NAN))
+    k.mul_add(T::splat(LN_2), f - (half_square - correction))
 }

@@ -24,10 +24,12 @@ mod tier;
 mod trig;
 mod twice;
 
+pub(crate) use math::ln_of_normal;
 pub use math::{exp, ln};
 pub(crate) use scalar::{TWO_52, TWO_52_BIASED};
 pub use tier::Tier;
 pub use trig::sin_cos;
+pub(crate) use trig::sin_cos_turns;
 pub(crate) use twice::Twice;
 
 use std::fmt::Debug;

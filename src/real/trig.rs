@@ -62,15 +62,7 @@ pub fn sin_cos<T: Real>(x: T) -> (T, T) {
     let r = high + low;
     let low = (high - r) + low;
 
-    let z = r * r;
-    let half = z * T::splat(0.5);
-    // sin: r + (r^3 p + l (1 - z/2))
-    let cube = poly(&SIN, z) * z * r;
-    let sine = r + (low - half * low + cube);
-    // cos: 1 - z/2, its rounding put back, + z^2 q - r l
-    let top = T::one() - half;
-    let rest = ((T::one() - top) - half) + r.neg_mul_add(low, poly(&COS, z) * z * z);
-    let cosine = top + rest;
+    let (sine, cosine) = near_zero::<T, true>(r, low);
 
     // Odd quadrants exchange the two; n mod 4 in {2, 3} negates the sine and in
     // {1, 2} the cosine.
@@ -106,4 +98,44 @@ pub fn sin_cos<T: Real>(x: T) -> (T, T) {
 fn is_odd<T: Real>(n: T) -> T::Mask {
     let half = n * T::splat(0.5);
     !half.eq(half.round_ties_even())
+}
+
+/// Sine and cosine of `2 pi t`, `0 <= t < 1` a multiple of `2^-53`, within one unit in the
+/// last place: an angle in turns needs no reduction.
+///
+/// ```text
+/// n = round(4 t),  r = (4 t - n) pi/2  (the difference is exact)
+/// ```
+#[inline(always)]
+pub(crate) fn sin_cos_turns<T: Real>(t: T) -> (T, T) {
+    let quarters = t * T::splat(4.0);
+    let n = quarters.round_ties_even();
+    let r = (quarters - n) * T::splat(HALF_PI[0]);
+    let (sine, cosine) = near_zero::<T, false>(r, T::zero());
+    let (one, two, three) = (n.eq(T::one()), n.eq(T::splat(2.0)), n.eq(T::splat(3.0)));
+    let odd = one | three;
+    let s = T::select(odd, cosine, sine);
+    let c = T::select(odd, sine, cosine);
+    (T::select(two | three, -s, s), T::select(one | two, -c, c))
+}
+
+/// Sine and cosine of `r + low`, `|r| <= pi/4`; of `r` unless `LOW`.
+///
+/// ```text
+/// sin: r + (r^3 p + l (1 - z/2)),   cos: 1 - z/2, its rounding put back, + z^2 q - r l,   z = r^2
+/// ```
+#[inline(always)]
+fn near_zero<T: Real, const LOW: bool>(r: T, low: T) -> (T, T) {
+    let z = r * r;
+    let half = z * T::splat(0.5);
+    let cube = poly(&SIN, z) * z * r;
+    let top = T::one() - half;
+    let lost = (T::one() - top) - half;
+    let fourth = poly(&COS, z) * z * z;
+    if LOW {
+        let rest = lost + r.neg_mul_add(low, fourth);
+        (r + (low - half * low + cube), top + rest)
+    } else {
+        (r + cube, top + (lost + fourth))
+    }
 }

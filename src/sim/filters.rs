@@ -9,7 +9,7 @@
 //! takes its coefficient from the first cache. With sizes of run time the counting
 //! took longer than the arithmetic.
 
-use crate::bank::{Repeat, correct, innovate, propagate, whiten};
+use crate::bank::{Filter, Repeat, correct, filter_step, innovate, propagate, whiten};
 use crate::real::{LaneKernel, Real};
 
 /// One step of all models.
@@ -54,7 +54,7 @@ impl<T: Real> LaneKernel<T> for Step<'_, T> {
                 _ => {}
             }
         }
-        self.models(n, q);
+        self.any(n, q);
     }
 }
 
@@ -62,32 +62,37 @@ impl<T: Real> Step<'_, T> {
     /// The same with sizes that the compiler sees.
     #[inline(always)]
     fn sized<const N: usize, const Q: usize>(self) {
-        let (mut next, mut r) = ([T::zero(); N], [T::zero(); Q]);
-        let mut y = [T::zero(); Q];
-        y.copy_from_slice(self.y);
-        Step { next: &mut next, r: &mut r, y: &y, ..self }.models(N, Q);
+        let sizes = [N, self.u.len(), Q];
+        let u = self.u.as_chunks::<1>().0;
+        let mut y = [[T::zero(); 1]; Q];
+        y.copy_from_slice(self.y.as_chunks::<1>().0);
+        let states = self.x.as_chunks_mut::<1>().0.as_chunks_mut::<N>().0;
+        for i in 0..self.nis.len() {
+            let filter = Filter::of(i, self.fixed, self.moving, sizes);
+            // in registers
+            let mut x = states[i];
+            let [energy] = filter_step(filter, self.moves, u, &y, &mut x);
+            states[i] = x;
+            self.nis[i] = energy;
+            self.log_lik[i] = T::splat(0.5).neg_mul_add(energy, T::splat(filter.log_norm));
+        }
     }
 
+    /// The same for sizes of run time.
     #[inline(always)]
-    fn models(self, n: usize, q: usize) {
+    fn any(self, n: usize, q: usize) {
         let Step { fixed, moving, moves, u, y, x, next, r, nis, log_lik, .. } = self;
-        let m = u.len();
-        let (may, each) = (n * n + n * m + q * n + q * q + 1, n * q + q * q + 1);
         for i in 0..nis.len() {
-            let (a, rest) = fixed[i * may..][..may].split_at(n * n);
-            let (b, rest) = rest.split_at(n * m);
-            let c = &rest[..q * n];
-            let (k, rest) = moving[i * each..][..each].split_at(n * q);
-            let (w, log_norm) = (&rest[..q * q], rest[q * q]);
+            let f = Filter::of(i, fixed, moving, [n, u.len(), q]);
             let x = &mut x[i * n..][..n];
             if moves {
-                propagate(Repeat(a), Repeat(b), u, x, next);
+                propagate(Repeat(f.a), Repeat(f.b), u, x, next);
             }
-            innovate(Repeat(c), x, y, r);
-            let energy = whiten(Repeat(w), r);
+            innovate(Repeat(f.c), x, y, r);
+            let energy = whiten(Repeat(f.w), r);
             nis[i] = energy;
-            log_lik[i] = T::splat(0.5).neg_mul_add(energy, T::splat(log_norm));
-            correct(Repeat(k), r, x);
+            log_lik[i] = T::splat(0.5).neg_mul_add(energy, T::splat(f.log_norm));
+            correct(Repeat(f.k), r, x);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Normal random numbers, one stream a trial, eight trials at once.
 
-use crate::real::{Real, ln, sin_cos};
+use crate::real::{Real, ln_of_normal, sin_cos_turns};
 use crate::simd::{Block, LANES, groups};
 
 /// The increment of [`SplitMix64`]: `2^64 / golden ratio`, odd.
@@ -111,9 +111,8 @@ impl Streams {
             let (u, turn) = (self.uniforms(), self.uniforms());
             for group in 0..groups::<T>() {
                 let lanes = group * T::LANES;
-                let rho = (T::splat(-2.0) * ln(T::load(&u[lanes..]))).sqrt();
-                let angle = T::splat(std::f64::consts::TAU) * T::load(&turn[lanes..]);
-                let (s, c) = sin_cos(angle);
+                let rho = (T::splat(-2.0) * ln_of_normal(T::load(&u[lanes..]))).sqrt();
+                let (s, c) = sin_cos_turns(T::load(&turn[lanes..]));
                 (rho * c).store(&mut out[at].0[lanes..]);
                 if at + 1 < out.len() {
                     (rho * s).store(&mut out[at + 1].0[lanes..]);

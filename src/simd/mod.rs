@@ -16,8 +16,10 @@ mod avx2;
 mod avx512;
 mod dispatch;
 mod storage;
+mod walk;
 
 pub use crate::real::Tier;
 pub use dispatch::{Kernel, dispatch, dispatch_on};
 pub(crate) use dispatch::{dispatch_twice, outline_scalar, outline_twice};
 pub use storage::{Block, LANES, Panel, groups, load_group, store_group};
+pub(crate) use walk::{Rows, Walk};

@@ -62,7 +62,8 @@ impl<T: Real, N: Dim> Cholesky<'_, T, N> {
         let n = self.n.get();
         let full = n / R * R;
         let mut ok = T::Mask::splat(true);
-        for j in (0..full).step_by(R) {
+        for block in 0..n / R {
+            let j = block * R;
             ok = ok & self.column::<R, R>(j);
         }
         match n - full {
@@ -82,7 +83,8 @@ impl<T: Real, N: Dim> Cholesky<'_, T, N> {
         // Only a full block column has rows below it, and the first starts on a
         // multiple of the tile.
         let full = n / R * R;
-        for i in (j + W..full).step_by(R) {
+        for block in (j + W).div_ceil(R)..n / R {
+            let i = block * R;
             self.below::<R, W>(i, j, &inverse);
         }
         if j + W <= full {

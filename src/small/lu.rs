@@ -177,7 +177,8 @@ impl<T: Real, N: Dim> Factor<'_, T, N> {
         let largest = magnitude(self.a);
         let mut seen = Pivots { ok: T::Mask::splat(true), smallest: T::splat(f64::INFINITY) };
         let full = n / R * R;
-        for j in (0..full).step_by(R) {
+        for block in 0..n / R {
+            let j = block * R;
             self.update::<R, R>(j);
             self.panel::<R>(j, &mut seen);
         }
@@ -207,7 +208,8 @@ impl<T: Real, N: Dim> Factor<'_, T, N> {
         }
         let n = self.n.get();
         let full = n / R * R;
-        for i in (0..full).step_by(R) {
+        for block in 0..n / R {
+            let i = block * R;
             self.tile::<R, W>(i, j);
         }
         match n - full {

@@ -86,7 +86,8 @@ where
     fn rows<const R: usize, const C: usize>(&mut self) {
         let m = self.m.get();
         let full = m / R * R;
-        for i in (0..full).step_by(R) {
+        for block in 0..m / R {
+            let i = block * R;
             self.columns::<R, C>(i);
         }
         match m - full {
@@ -102,8 +103,9 @@ where
     fn columns<const R: usize, const C: usize>(&mut self, i: usize) {
         let n = self.n.get();
         let full = n / C * C;
-        let first = if HALF { i / C * C } else { 0 };
-        for j in (first..full).step_by(C) {
+        let first = if HALF { i / C } else { 0 };
+        for block in first..n / C {
+            let j = block * C;
             self.tile::<R, C>(i, j);
         }
         match n - full {

@@ -63,20 +63,23 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
     /// All rows, `R` at a time, in the order that the triangle asks for.
     #[inline(always)]
     fn rows<const R: usize, const W: usize>(&mut self) {
-        let full = self.n.get() / R * R;
+        let n = self.n.get();
+        let full = n / R * R;
         if !Self::FALLING {
-            for i in (0..full).step_by(R) {
+            for block in 0..n / R {
+                let i = block * R;
                 self.columns::<R, W>(i);
             }
         }
-        match self.n.get() - full {
+        match n - full {
             3 => self.columns::<3, W>(full),
             2 => self.columns::<2, W>(full),
             1 => self.columns::<1, W>(full),
             _ => {}
         }
         if Self::FALLING {
-            for i in (0..full).step_by(R).rev() {
+            for block in (0..n / R).rev() {
+                let i = block * R;
                 self.columns::<R, W>(i);
             }
         }
@@ -91,11 +94,13 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
                 inverse[s] = self.entry(i + s, i + s).recip();
             }
         }
-        let full = self.r.get() / W * W;
-        for j in (0..full).step_by(W) {
+        let r = self.r.get();
+        let full = r / W * W;
+        for block in 0..r / W {
+            let j = block * W;
             self.tile::<R, W>(i, j, &inverse);
         }
-        match self.r.get() - full {
+        match r - full {
             3 => self.tile::<R, 3>(i, full, &inverse),
             2 => self.tile::<R, 2>(i, full, &inverse),
             1 => self.tile::<R, 1>(i, full, &inverse),

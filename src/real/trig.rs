@@ -139,3 +139,24 @@ fn near_zero<T: Real, const LOW: bool>(r: T, low: T) -> (T, T) {
         (r + cube, top + (lost + fourth))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::sin_cos_turns;
+
+    #[test]
+    fn turns_are_angles() {
+        for (t, s, c) in [(0.0, 0.0, 1.0), (0.25, 1.0, 0.0), (0.5, 0.0, -1.0), (0.75, -1.0, 0.0)] {
+            let (sine, cosine) = sin_cos_turns::<f64>(t);
+            assert!(sine == s && cosine == c, "{t}: {sine}, {cosine}");
+        }
+        for k in 0..100_000_u64 {
+            let t = (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11) as f64 * 2f64.powi(-53);
+            let (s, c) = sin_cos_turns::<f64>(t);
+            let (want_s, want_c) = (std::f64::consts::TAU * t).sin_cos();
+            // the rounding of the angle, and of the result
+            assert!((s - want_s).abs() < 1e-15 && (c - want_c).abs() < 1e-15, "{t}");
+            assert!((s.mul_add(s, c * c) - 1.0).abs() < 5e-16, "{t}");
+        }
+    }
+}

@@ -39,7 +39,7 @@ count() {
 }
 
 if [ "${1:-}" = --store ]; then
-    cases=$("$program" --list | grep -v _nobound)
+    cases=$("$program" --list | grep -vE "_nobound|_loop")
     {
         echo "# $compiler"
         for case in $cases; do

@@ -49,7 +49,14 @@ fn the_examples_parse_without_warnings() -> Outcome {
         let scenario = Scenario::from_file(&path)?;
         assert_eq!(scenario.warnings(), [], "{}", path.display());
         assert!(scenario.title().is_some());
-        if !std::fs::read_to_string(&path)?.contains("[eip]") {
+        let text = std::fs::read_to_string(&path)?;
+        if !text.contains("\n[bank]") {
+            // adaptive observers alone
+            assert!(!scenario.adaptive_observers().is_empty());
+            assert!(!scenario.adaptive_cases(&[])?.is_empty());
+            continue;
+        }
+        if !text.contains("[eip]") {
             // a bank that only runs
             let estimator = scenario.estimator()?;
             assert!(estimator.start()?.bank().failures().iter().all(Option::is_none));

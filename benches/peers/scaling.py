@@ -15,7 +15,7 @@ matplotlib.use("svg")
 import matplotlib.pyplot as plt
 
 AXES = [
-    ("trials", "trials", "trials T (n = 4, q = 2, 4 models)", True),
+    ("trials", "trials", "trials T (n = 4, q = 2, 4 models, 32 steps)", True),
     ("models", "models", "models N (n = 4, q = 2)", True),
     ("states", "n", "states n (q = 1, 16 models)", False),
     ("outputs", "q", "outputs q (n = 8, 16 models)", False),
@@ -37,7 +37,6 @@ def main():
             x, y = [p[key] for p in chosen], [p["gflops"] for p in chosen]
             panel.plot(x, y, color=colour, marker=marker, markersize=4, label=name)
         panel.set_xlabel(label)
-        panel.set_ylim(bottom=0)
         panel.grid(color="#dddddd", linewidth=0.6)
         panel.set_axisbelow(True)
         for side in ("top", "right"):
@@ -49,8 +48,11 @@ def main():
             panel.set_xlim(0.5, 2.5)
     for row in panels:
         row[0].set_ylabel("filter GFLOP/s of a core")
-    panels[0][0].legend(frameon=False, loc="upper left")
-    figure.tight_layout()
+    # the panels share this axis
+    panels[0][0].set_ylim(0, 1.05 * max(p["gflops"] for p in points))
+    handles, names = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, names, frameon=False, loc="upper center", ncols=2)
+    figure.tight_layout(rect=(0, 0, 1, 0.95))
     figure.savefig(target, metadata={"Date": None})
 
 

@@ -22,6 +22,8 @@ use peak::{Memory, fma_gflops};
 
 /// Seconds of a kernel in a round.
 const SLICE: f64 = 0.3;
+/// Seconds of a pass at least: shorter ones show the clock.
+const PASS: f64 = 0.002;
 /// Seconds of the measurements of latency, a round and number of models.
 const LATENCY: f64 = 0.1;
 /// Rounds of a full and of a quick run.
@@ -61,7 +63,7 @@ pub(super) fn run(args: &BenchArguments, signals: &Signals) -> Result<(), Failur
     let mut best = vec![(0.0_f64, 0.0_f64); works.len()];
     // the kernels take turns, so that a disturbance meets all of them
     for round in 0..rounds {
-        for _ in 0..20 {
+        for _ in 0..4 {
             fma = fma.max(fma_gflops());
         }
         read = read.max(memory.gbytes());
@@ -70,14 +72,18 @@ pub(super) fn run(args: &BenchArguments, signals: &Signals) -> Result<(), Failur
             // the best pass of a slice counts
             while start.elapsed().as_secs_f64() < SLICE {
                 let pass = Instant::now();
-                let done = work.run(&control);
-                let spent = pass.elapsed().as_secs_f64();
-                if signals.raised() {
-                    return Err(Failure::Cancelled);
+                let (mut items, mut flops, mut spent) = (0.0, 0.0, 0.0);
+                while spent < PASS {
+                    let done = work.run(&control);
+                    if signals.raised() {
+                        return Err(Failure::Cancelled);
+                    }
+                    let done = done.map_err(numerical)?;
+                    (items, flops) = (items + done.items, flops + done.flops);
+                    spent = pass.elapsed().as_secs_f64();
                 }
-                let done = done.map_err(numerical)?;
-                if done.items / spent > rate.0 {
-                    rate = (done.items / spent, done.flops / spent);
+                if items / spent > rate.0 {
+                    rate = (items / spent, flops / spent);
                 }
             }
             if rate.0 > best.0 {

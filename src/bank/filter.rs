@@ -14,8 +14,8 @@ use crate::real::Real;
 #[derive(Clone, Copy)]
 pub(crate) struct Filter<'a> {
     pub(crate) a: &'a [f64],
-    pub(crate) b: &'a [f64],
     pub(crate) c: &'a [f64],
+    pub(crate) b: &'a [f64],
     pub(crate) k: &'a [f64],
     /// `W' W = S^-1`, lower triangular.
     pub(crate) w: &'a [f64],
@@ -31,43 +31,85 @@ impl<'a> Filter<'a> {
     pub(crate) fn of(i: usize, fixed: &'a [f64], moving: &'a [f64], [n, m, q]: [usize; 3]) -> Self {
         let (may, each) = (n * n + n * m + q * n + q * q + 1, n * q + q * q + 1);
         let (a, rest) = fixed[i * may..][..may].split_at(n * n);
-        let (b, rest) = rest.split_at(n * m);
+        let (c, rest) = rest.split_at(q * n);
         let (k, own) = moving[i * each..][..each].split_at(n * q);
-        Filter { a, b, c: &rest[..q * n], k, w: &own[..q * q], log_norm: own[q * q] }
+        Filter { a, c, b: &rest[..n * m], k, w: &own[..q * q], log_norm: own[q * q] }
     }
 }
 
-/// Predicts where `moves`, innovates and corrects; returns `|W r|^2`.
+/// The same with sizes that the compiler sees: `AC` and `KW` are those of [`by_size`].
+#[derive(Clone, Copy)]
+pub(crate) struct SizedFilter<'a, const AC: usize, const KW: usize> {
+    /// `A`, `C`.
+    ac: &'a [f64; AC],
+    b: &'a [f64],
+    /// `K`, `W`, `log_norm`.
+    kw: &'a [f64; KW],
+}
+
+impl<'a, const AC: usize, const KW: usize> SizedFilter<'a, AC, KW> {
+    /// Of what [`Filter::of`] takes, that of one model; `mn` entries of `B` are used.
+    #[inline(always)]
+    pub(crate) fn of(fixed: &'a [f64], kw: &'a [f64; KW], mn: usize) -> Self {
+        let b = if mn == 0 { &[] } else { &fixed[AC..][..mn] };
+        SizedFilter { ac: &fixed.as_chunks().0[0], b, kw }
+    }
+
+    #[inline(always)]
+    pub(crate) fn log_norm(self) -> f64 {
+        self.kw[KW - 1]
+    }
+}
+
+/// Returns `$work.sized::<N, Q, AC, KW>()` if `($n, $q)` is among the sizes.
+macro_rules! by_size {
+    ($work:ident, $n:expr, $q:expr, $(($N:literal, $Q:literal)),*) => {
+        match ($n, $q) {
+            $(($N, $Q) => {
+                return $work.sized::<$N, $Q, { $N * ($N + $Q) }, { $Q * ($N + $Q) + 1 }>()
+            })*
+            _ => {}
+        }
+    };
+}
+pub(crate) use by_size;
+
+/// Predicts, innovates and corrects; returns `|W r|^2`.
 ///
 /// ```text
 /// x <- A x + B u,   r = y - C x,   x <- x + K r
 /// ```
 #[inline(always)]
-pub(crate) fn filter_step<T: Real, const N: usize, const Q: usize, const V: usize>(
-    f: Filter<'_>,
-    moves: bool,
+pub(crate) fn filter_step<
+    T: Real,
+    const N: usize,
+    const Q: usize,
+    const V: usize,
+    const AC: usize,
+    const KW: usize,
+>(
+    f: SizedFilter<'_, AC, KW>,
     u: &[[T; V]],
     y: &[[T; V]; Q],
     x: &mut [[T; V]; N],
 ) -> [T; V] {
-    if moves {
-        let (a, b) = (&f.a[..N * N], &f.b[..N * u.len()]);
-        let mut next = [[T::zero(); V]; N];
-        for i in 0..N {
-            for j in 0..N {
-                add::<T, V>(a[i * N + j], &x[j], &mut next[i]);
-            }
-            for j in 0..u.len() {
-                add::<T, V>(b[i * u.len() + j], &u[j], &mut next[i]);
-            }
+    const { assert!(AC == N * (N + Q) && KW == Q * (N + Q) + 1) };
+    let SizedFilter { ac, kw, .. } = f;
+    let b = &f.b[..N * u.len()];
+    let mut next = [[T::zero(); V]; N];
+    for i in 0..N {
+        for j in 0..N {
+            add::<T, V>(ac[i * N + j], &x[j], &mut next[i]);
         }
-        *x = next;
+        for j in 0..u.len() {
+            add::<T, V>(b[i * u.len() + j], &u[j], &mut next[i]);
+        }
     }
-    let (c, k, w) = (&f.c[..Q * N], &f.k[..N * Q], &f.w[..Q * Q]);
+    *x = next;
     let mut r = *y;
     for p in 0..Q {
         for j in 0..N {
-            let c = T::splat(c[p * N + j]);
+            let c = T::splat(ac[N * N + p * N + j]);
             for v in 0..V {
                 r[p][v] = c.neg_mul_add(x[j][v], r[p][v]);
             }
@@ -77,7 +119,7 @@ pub(crate) fn filter_step<T: Real, const N: usize, const Q: usize, const V: usiz
     for p in 0..Q {
         let mut z = [T::zero(); V];
         for j in 0..=p {
-            add::<T, V>(w[p * Q + j], &r[j], &mut z);
+            add::<T, V>(kw[N * Q + p * Q + j], &r[j], &mut z);
         }
         for v in 0..V {
             square[v] = z[v].mul_add(z[v], square[v]);
@@ -85,7 +127,7 @@ pub(crate) fn filter_step<T: Real, const N: usize, const Q: usize, const V: usiz
     }
     for j in 0..N {
         for p in 0..Q {
-            add::<T, V>(k[j * Q + p], &r[p], &mut x[j]);
+            add::<T, V>(kw[j * Q + p], &r[p], &mut x[j]);
         }
     }
     square

@@ -26,12 +26,14 @@ mod members;
 mod schedule;
 mod states;
 mod stream;
+mod tile;
 
-pub(crate) use filter::{Filter, filter_step};
+pub(crate) use filter::by_size;
 pub use gains::{Coefficients, GainMode, Gains, Settings};
 pub(crate) use matrices::whitener;
 pub use members::{Initial, Members, StartTime};
 pub(crate) use schedule::Schedule;
-pub(crate) use states::{Repeat, correct, innovate, propagate, whiten};
+pub(crate) use states::{Repeat, add_product, correct, innovate, propagate, whiten};
 pub(crate) use stream::norm_factor;
 pub use stream::{Bank, Step};
+pub(crate) use tile::Tile;

@@ -17,7 +17,7 @@ pub(crate) struct Schedule {
     pub(crate) m: usize,
     pub(crate) q: usize,
     models: usize,
-    /// `A`, `B`, `C`, the whitener of the steady `S` (of `R` in continuous time)
+    /// `A`, `C`, `B`, the whitener of the steady `S` (of `R` in continuous time)
     /// and the bias of each model; nothing if they change.
     fixed: Vec<f64>,
     /// `K`, `W`, `log_norm` of each model, step after step, preceded by what is
@@ -25,7 +25,9 @@ pub(crate) struct Schedule {
     steps: Vec<f64>,
     /// Covariances that go with them, shape (step, model, state, state).
     covariances: Vec<f64>,
-    /// The last so many steps repeat for ever.
+    /// Steps that are kept.
+    kept: usize,
+    /// The last so many of them repeat for ever.
     cycle: usize,
 }
 
@@ -64,13 +66,14 @@ impl Schedule {
             fixed: Vec::new(),
             steps: Vec::new(),
             covariances: Vec::new(),
+            kept: 0,
             cycle: 1,
         };
         let moving = gains.is_continuous() && gains.mode() == GainMode::Recursive;
         if !moving {
             let c = gains.coefficients();
             for i in 0..models {
-                for panel in [&c.a, &c.b, &c.c, &c.white, &c.bias] {
+                for panel in [&c.a, &c.c, &c.b, &c.white, &c.bias] {
                     item(panel, i, &mut made.fixed);
                 }
             }
@@ -84,7 +87,7 @@ impl Schedule {
             gains.update(&present);
             let c = gains.coefficients();
             for i in 0..models {
-                let changes = [&c.a, &c.b, &c.c, &c.white, &c.bias];
+                let changes = [&c.a, &c.c, &c.b, &c.white, &c.bias];
                 for panel in changes.into_iter().filter(|_| moving) {
                     item(panel, i, &mut made.steps);
                 }
@@ -118,6 +121,7 @@ impl Schedule {
                 });
             }
         }
+        made.kept = done as usize;
         Ok(made)
     }
 
@@ -141,8 +145,8 @@ impl Schedule {
             (&self.fixed[i * may..][..may], moving)
         };
         let (a, fixed) = fixed.split_at(n * n);
-        let (b, fixed) = fixed.split_at(n * m);
         let (c, fixed) = fixed.split_at(q * n);
+        let (b, fixed) = fixed.split_at(n * m);
         let (k, moving) = moving.split_at(n * q);
         OfModel {
             a,
@@ -164,6 +168,12 @@ impl Schedule {
         (!self.fixed.is_empty()).then(|| [&self.fixed[..], &self.steps[place * each..][..each]])
     }
 
+    /// How many of the fixed numbers of [`Schedule::of_all`] are those of a model.
+    #[inline(always)]
+    pub(crate) fn fixed_numbers(&self) -> usize {
+        self.numbers()[0]
+    }
+
     /// Covariances of all models after the measurement of a step, shape (model,
     /// state, state).
     pub(crate) fn covariances(&self, step: usize) -> &[f64] {
@@ -173,18 +183,20 @@ impl Schedule {
 
     /// Steps that are kept, those of the cycle included.
     pub(crate) fn kept(&self) -> usize {
-        self.covariances.len() / (self.models * self.n * self.n).max(1)
+        self.kept
     }
 
-    /// Where the coefficients of step `k`, from 1, are kept.
+    /// Where the coefficients of step `k`, from 1, are kept. (Asked at every step: no
+    /// division unless they go round.)
     #[inline(always)]
     pub(crate) fn place(&self, k: u64) -> usize {
-        let [may, each] = self.numbers();
-        let each = (if self.fixed.is_empty() { may + each } else { each }) * self.models;
-        let kept = self.steps.len() / each;
-        match usize::try_from(k - 1) {
-            Ok(step) if step < kept => step,
-            _ => kept - self.cycle + ((k - 1 - kept as u64) % self.cycle as u64) as usize,
+        let (step, kept) = (k - 1, self.kept as u64);
+        if step < kept {
+            step as usize
+        } else if self.cycle == 1 {
+            self.kept - 1
+        } else {
+            self.kept - self.cycle + ((step - kept) % self.cycle as u64) as usize
         }
     }
 }

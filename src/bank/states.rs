@@ -11,6 +11,9 @@ use crate::simd::Block;
 pub(crate) trait Source<T: Real>: Copy {
     /// Entry `e`.
     fn at(self, e: usize) -> T;
+
+    /// `len` entries from `first` on.
+    fn part(self, first: usize, len: usize) -> Self;
 }
 
 /// Eight models, one a lane.
@@ -25,6 +28,11 @@ impl<T: Real> Source<T> for Each<'_> {
     fn at(self, e: usize) -> T {
         T::load(&self.blocks[e].0[self.group * T::LANES..])
     }
+
+    #[inline(always)]
+    fn part(self, first: usize, len: usize) -> Self {
+        Each { blocks: &self.blocks[first..][..len], group: self.group }
+    }
 }
 
 /// One model in every lane.
@@ -35,6 +43,49 @@ impl<T: Real> Source<T> for Repeat<'_> {
     #[inline(always)]
     fn at(self, e: usize) -> T {
         T::splat(self.0[e])
+    }
+
+    #[inline(always)]
+    fn part(self, first: usize, len: usize) -> Self {
+        Repeat(&self.0[first..][..len])
+    }
+}
+
+/// Rows that are summed side by side: a sum waits for itself at every entry.
+const SIDE: usize = 4;
+
+/// `sum[r] += sign A(i + r, :) x`, entry after entry of a row.
+#[inline(always)]
+fn rows<T: Real, S: Source<T>, const R: usize, const MINUS: bool>(
+    a: S,
+    i: usize,
+    x: &[T],
+    sum: &mut [T; R],
+) {
+    let n = x.len();
+    let mut row = [a; R];
+    for r in 0..R {
+        row[r] = a.part((i + r) * n, n);
+    }
+    for j in 0..n {
+        for r in 0..R {
+            let entry = row[r].at(j);
+            sum[r] =
+                if MINUS { entry.neg_mul_add(x[j], sum[r]) } else { entry.mul_add(x[j], sum[r]) };
+        }
+    }
+}
+
+/// `sum += A x`, or `sum -= A x`.
+#[inline(always)]
+pub(crate) fn add_product<T: Real, const MINUS: bool>(a: impl Source<T>, x: &[T], sum: &mut [T]) {
+    let (several, single) = sum.as_chunks_mut::<SIDE>();
+    for (k, sum) in several.iter_mut().enumerate() {
+        rows::<T, _, SIDE, MINUS>(a, k * SIDE, x, sum);
+    }
+    let first = several.len() * SIDE;
+    for (k, sum) in single.as_chunks_mut::<1>().0.iter_mut().enumerate() {
+        rows::<T, _, 1, MINUS>(a, first + k, x, sum);
     }
 }
 
@@ -47,31 +98,22 @@ pub(crate) fn propagate<T: Real>(
     x: &mut [T],
     next: &mut [T],
 ) {
-    let (n, m) = (x.len(), u.len());
-    for i in 0..n {
-        let mut sum = T::zero();
-        for j in 0..n {
-            sum = a.at(i * n + j).mul_add(x[j], sum);
-        }
-        for j in 0..m {
-            sum = b.at(i * m + j).mul_add(u[j], sum);
-        }
-        next[i] = sum;
+    let next = &mut next[..x.len()];
+    for i in 0..next.len() {
+        next[i] = T::zero();
     }
-    x.copy_from_slice(&next[..n]);
+    add_product::<T, false>(a, x, next);
+    if !u.is_empty() {
+        add_product::<T, false>(b, u, next);
+    }
+    x.copy_from_slice(next);
 }
 
 /// `r = y - C x`.
 #[inline(always)]
 pub(crate) fn innovate<T: Real>(c: impl Source<T>, x: &[T], y: &[T], r: &mut [T]) {
-    let n = x.len();
-    for i in 0..r.len() {
-        let mut sum = y[i];
-        for j in 0..n {
-            sum = c.at(i * n + j).neg_mul_add(x[j], sum);
-        }
-        r[i] = sum;
-    }
+    r.copy_from_slice(&y[..r.len()]);
+    add_product::<T, true>(c, x, r);
 }
 
 /// `|W r|^2` for a lower triangular `W`.
@@ -92,10 +134,5 @@ pub(crate) fn whiten<T: Real>(w: impl Source<T>, r: &[T]) -> T {
 /// `x <- x + K r`.
 #[inline(always)]
 pub(crate) fn correct<T: Real>(k: impl Source<T>, r: &[T], x: &mut [T]) {
-    let q = r.len();
-    for i in 0..x.len() {
-        for j in 0..q {
-            x[i] = k.at(i * q + j).mul_add(r[j], x[i]);
-        }
-    }
+    add_product::<T, false>(k, r, x);
 }

@@ -3,7 +3,7 @@
 use super::arrays::{Arrays, Part};
 use super::mmae::{Mmae, mixture_log_lik};
 use super::weighting::Innovation;
-use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
+use crate::bank::{Repeat, Schedule, Tile, correct, innovate, propagate, whiten};
 use crate::real::{Mask, Real, exp};
 use crate::simd::{Kernel, LANES, groups};
 use crate::weight::{Evidence, Law, Weights};
@@ -33,6 +33,7 @@ struct Numbers<T> {
     energy: Vec<T>,
     total: Vec<T>,
     fused: Vec<T>,
+    scratch: Vec<T>,
 }
 
 impl Kernel for Eight<'_, '_> {
@@ -98,6 +99,7 @@ impl Eight<'_, '_> {
             energy: room(models),
             total: room(models),
             fused: room(n),
+            scratch: Vec::new(),
         };
         let mut first = vec![0.0; n];
         for i in 0..models {
@@ -172,6 +174,34 @@ impl Eight<'_, '_> {
         let place = self.schedule.place(k);
         let (engine, norm) = (self.engine, self.engine.bank().norm());
         let mut good = T::Mask::splat(true);
+        if engine.law() == Law::Bayes
+            && *engine.innovation() == Innovation::Filter
+            && self.schedule.of_all(place).is_some()
+        {
+            v.log_lik.fill(T::zero());
+            T::outline(Tile::<T, 1> {
+                schedule: self.schedule,
+                k,
+                still: !moves,
+                u: &v.u,
+                y: &v.y,
+                x: &mut v.x,
+                total: &mut v.log_lik,
+                nis: &mut [],
+                scratch: &mut v.scratch,
+            });
+            for i in 0..failed.len() {
+                if failed[i] {
+                    v.log_lik[i] = T::splat(f64::NAN);
+                    continue;
+                }
+                good = good & v.log_lik[i].is_finite();
+                for j in 0..n {
+                    good = good & v.x[i * n + j].is_finite();
+                }
+            }
+            return good;
+        }
         for i in 0..failed.len() {
             let c = self.schedule.at(i, place);
             let x = &mut v.x[i * n..][..n];

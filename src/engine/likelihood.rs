@@ -3,10 +3,10 @@
 use super::arrays::Arrays;
 use super::mmae::Mmae;
 use super::weighting::Innovation;
-use crate::bank::{Filter, Repeat, Schedule, correct, filter_step, innovate, propagate, whiten};
+use crate::bank::{Schedule, Tile};
 use crate::error::Result;
 use crate::par::{RunControl, map_parts};
-use crate::real::{LaneKernel, Real};
+use crate::real::Real;
 use crate::simd::{Kernel, LANES, dispatch};
 use crate::weight::Law;
 
@@ -148,6 +148,7 @@ impl Totals<'_> {
         let count = self.totals.len() / models;
         let room = |len: usize| vec![T::zero(); len * V];
         let (mut x, mut total, mut y) = (room(models * n), room(models), room(TILE * q));
+        let mut scratch = Vec::new();
         let mut start = vec![0.0; n];
         for from in (0..count).step_by(V * T::LANES) {
             for i in 0..models {
@@ -161,17 +162,24 @@ impl Totals<'_> {
             for t in total.iter_mut() {
                 *t = T::zero();
             }
-            for k in (0..self.arrays.steps).step_by(TILE) {
-                let steps = TILE.min(self.arrays.steps - k);
+            let mut k = 0;
+            while k < self.arrays.steps {
+                // the first step may differ: alone
+                let most = if k == 0 && !bank.moves_first() { 1 } else { TILE };
+                let steps = most.min(self.arrays.steps - k);
                 self.gather::<T, V>(from, count, k, &mut y[..steps * q * V]);
                 T::outline(Tile::<T, V> {
                     schedule: self.schedule,
                     k: k as u64 + 1,
-                    moves_first: bank.moves_first(),
+                    still: k == 0 && !bank.moves_first(),
+                    u: &[],
                     y: &y[..steps * q * V],
                     x: &mut x,
                     total: &mut total,
+                    nis: &mut [],
+                    scratch: &mut scratch,
                 });
+                k += steps;
             }
             for v in 0..V {
                 for l in 0..T::LANES {
@@ -209,125 +217,6 @@ impl Totals<'_> {
             while e < len {
                 y[e * V + v] = T::from_fn(|l| rows[l][e]);
                 e += 1;
-            }
-        }
-    }
-}
-
-/// Some steps of all models for `V` vectors of records.
-///
-/// ```text
-/// x <- A x,   r = y - C x,   l <- l + log_norm - |W r|^2 / 2,   x <- x + K r
-/// ```
-/// Limited by the multiply-adds: the states of a model stay in registers for a
-/// step, and each coefficient is broadcast once for `V` of them.
-struct Tile<'a, T, const V: usize> {
-    schedule: &'a Schedule,
-    /// The first step, from 1.
-    k: u64,
-    moves_first: bool,
-    y: &'a [T],
-    /// Shape (model, state, vector).
-    x: &'a mut [T],
-    /// Shape (model, vector).
-    total: &'a mut [T],
-}
-
-impl<T: Real, const V: usize> LaneKernel<T> for Tile<'_, T, V> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run(self) {
-        if const { T::UNROLLS } {
-            let (n, q) = (self.schedule.n, self.schedule.q);
-            if const { V == 4 || T::TILE != 4 } {
-                match (n, q) {
-                    (1, 1) => return self.sized::<1, 1>(),
-                    (2, 1) => return self.sized::<2, 1>(),
-                    (3, 1) => return self.sized::<3, 1>(),
-                    (2, 2) => return self.sized::<2, 2>(),
-                    (3, 2) => return self.sized::<3, 2>(),
-                    _ => {}
-                }
-            }
-            if const { V == 2 || T::TILE != 4 } {
-                match (n, q) {
-                    (4, 1) => return self.sized::<4, 1>(),
-                    (5, 1) => return self.sized::<5, 1>(),
-                    (6, 1) => return self.sized::<6, 1>(),
-                    (4, 2) => return self.sized::<4, 2>(),
-                    (5, 2) => return self.sized::<5, 2>(),
-                    (6, 2) => return self.sized::<6, 2>(),
-                    _ => {}
-                }
-            }
-        }
-        self.any();
-    }
-}
-
-impl<T: Real, const V: usize> Tile<'_, T, V> {
-    #[inline(always)]
-    fn sized<const N: usize, const Q: usize>(self) {
-        let sizes = [N, self.schedule.m, Q];
-        for (s, y) in self.y.as_chunks::<V>().0.as_chunks::<Q>().0.iter().enumerate() {
-            let k = self.k + s as u64;
-            let moves = k > 1 || self.moves_first;
-            let Some([fixed, moving]) = self.schedule.of_all(self.schedule.place(k)) else {
-                return;
-            };
-            let states = self.x.as_chunks_mut::<V>().0.as_chunks_mut::<N>().0;
-            let totals = self.total.as_chunks_mut::<V>().0;
-            for i in 0..totals.len() {
-                let filter = Filter::of(i, fixed, moving, sizes);
-                // in registers
-                let mut x = states[i];
-                let square = filter_step::<T, N, Q, V>(filter, moves, &[], y, &mut x);
-                states[i] = x;
-                let log_norm = T::splat(filter.log_norm);
-                for v in 0..V {
-                    let more = T::splat(0.5).neg_mul_add(square[v], log_norm);
-                    totals[i][v] = totals[i][v] + more;
-                }
-            }
-        }
-    }
-
-    /// The same for sizes of run time, a vector at a time.
-    #[inline(always)]
-    fn any(self) {
-        let Schedule { n, m, q, .. } = *self.schedule;
-        let steps = self.y.len() / (q * V);
-        let room = |len: usize| vec![T::zero(); len];
-        let (mut x, mut next, mut y, mut r) = (room(n), room(n), room(q), room(q));
-        for s in 0..steps {
-            let k = self.k + s as u64;
-            let moves = k > 1 || self.moves_first;
-            let Some([fixed, moving]) = self.schedule.of_all(self.schedule.place(k)) else {
-                return;
-            };
-            for i in 0..self.total.len() / V {
-                let f = Filter::of(i, fixed, moving, [n, m, q]);
-                for v in 0..V {
-                    for j in 0..n {
-                        x[j] = self.x[(i * n + j) * V + v];
-                    }
-                    for p in 0..q {
-                        y[p] = self.y[(s * q + p) * V + v];
-                    }
-                    if moves {
-                        propagate(Repeat(f.a), Repeat(f.b), &[], &mut x, &mut next);
-                    }
-                    innovate(Repeat(f.c), &x, &y, &mut r);
-                    let square = whiten(Repeat(f.w), &r);
-                    let at = i * V + v;
-                    let more = T::splat(0.5).neg_mul_add(square, T::splat(f.log_norm));
-                    self.total[at] = self.total[at] + more;
-                    correct(Repeat(f.k), &r, &mut x);
-                    for j in 0..n {
-                        self.x[(i * n + j) * V + v] = x[j];
-                    }
-                }
             }
         }
     }

@@ -137,6 +137,31 @@ pub trait Real:
         out
     }
 
+    /// The next number of `LANES` streams of xoshiro256++, from stream `first` of eight
+    /// on: an odd multiple of `2^-53` in (0, 1). `state` holds the four words of each.
+    ///
+    /// # Source
+    /// Blackman, Vigna (2021), ACM Transactions on Mathematical Software 47, 36.
+    #[inline(always)]
+    fn uniform(state: &mut [[u64; 8]; 4], first: usize) -> Self {
+        let [a, b, c, d] = state;
+        let mut out = [0.0; 8];
+        for l in first..first + Self::LANES {
+            let word = a[l].wrapping_add(d[l]).rotate_left(23).wrapping_add(a[l]);
+            let shifted = b[l] << 17;
+            c[l] ^= a[l];
+            d[l] ^= b[l];
+            b[l] ^= c[l];
+            a[l] ^= d[l];
+            c[l] ^= shifted;
+            d[l] = d[l].rotate_left(45);
+            // 1 + k 2^-52 from bits, then an exact difference
+            let above_one = f64::from_bits((word >> 12) | 0x3ff0_0000_0000_0000);
+            out[l] = above_one - (1.0 - 0.5 * f64::EPSILON);
+        }
+        Self::load(&out[first..])
+    }
+
     /// `self * a + b`, rounded once.
     fn mul_add(self, a: Self, b: Self) -> Self;
     /// `b - self * a`, rounded once.

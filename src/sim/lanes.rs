@@ -5,19 +5,18 @@
 //! step. What is reported of a step does not depend on the other reports.
 
 use super::consistency::Spreads;
-use super::filters::Step;
 use super::monte_carlo::Plan;
 use super::recorder::{Recorder, Seen};
 use super::tally::{Tally, Trajectory};
-use super::truth::Walk;
-use crate::bank::{Repeat, Schedule, correct, innovate, propagate, whiten};
+use super::truth::{AHEAD, Walk};
+use crate::bank::{Repeat, Schedule, Tile, correct, innovate, propagate, whiten};
 use crate::error::Result;
 use crate::real::Real;
 use crate::simd::{Kernel, groups};
 use crate::weight::{Evidence, Law, Weights};
 
 /// Steps between two normalisations of weights that only add up.
-const LAZY: u64 = 16;
+const LAZY: u64 = AHEAD as u64;
 
 /// Which norm the residuals of the law are judged by.
 #[derive(Debug, Clone, PartialEq)]
@@ -68,9 +67,39 @@ struct Filters<'a, T> {
     log_lik: Vec<T>,
     energy: Vec<T>,
     nis: Vec<T>,
+    scratch: Vec<T>,
 }
 
 impl<T: Real> Filters<'_, T> {
+    /// True if steps can be taken several at a time.
+    fn in_tiles(&self) -> bool {
+        let Plan { zhang, hold, norm, .. } = self.plan;
+        !zhang && hold.is_none() && *norm == Norm::Filter && self.coefficients.of_all(0).is_some()
+    }
+
+    /// The steps from `k` on of every model; adds log-likelihoods to `total`. One step if
+    /// it does not predict (`still`), and unless [`Filters::in_tiles`].
+    #[inline(always)]
+    fn steps(&mut self, k: u64, still: bool, u: &[T], y: &[T], total: &mut [T]) {
+        T::outline(Tile::<T, 1> {
+            schedule: self.coefficients,
+            k,
+            still,
+            u,
+            y,
+            x: &mut self.x,
+            total,
+            nis: &mut self.nis,
+            scratch: &mut self.scratch,
+        });
+        self.mark_failed();
+        for i in 0..total.len() {
+            if self.plan.failed[i] {
+                total[i] = T::splat(f64::NAN);
+            }
+        }
+    }
+
     /// Predicts (unless `moves` is false), innovates and corrects every model.
     ///
     /// ```text
@@ -79,30 +108,10 @@ impl<T: Real> Filters<'_, T> {
     /// ```
     #[inline(always)]
     fn step(&mut self, k: u64, moves: bool, u: &[T], y: &[T]) {
-        let Schedule { n, q, .. } = *self.coefficients;
+        let q = self.coefficients.q;
+        let n = self.coefficients.n;
         let place = self.coefficients.place(k);
         let (zhang, hold) = (self.plan.zhang, self.plan.hold);
-        if !zhang
-            && hold.is_none()
-            && self.plan.norm == Norm::Filter
-            && let Some([fixed, moving]) = self.coefficients.of_all(place)
-        {
-            T::outline(Step {
-                fixed,
-                moving,
-                sizes: [n, q],
-                moves,
-                u,
-                y,
-                x: &mut self.x,
-                next: &mut self.next,
-                r: &mut self.r,
-                nis: &mut self.nis,
-                log_lik: &mut self.log_lik,
-            });
-            self.mark_failed();
-            return;
-        }
         for i in 0..self.nis.len() {
             let c = self.coefficients.at(i, place);
             let x = &mut self.x[i * n..][..n];
@@ -181,6 +190,7 @@ impl Eight<'_, '_> {
             log_lik: vec![T::zero(); models],
             energy: vec![T::zero(); models],
             nis: vec![T::zero(); models],
+            scratch: Vec::new(),
         };
         let mut weights = Weights::<T>::new(
             plan.law,
@@ -192,21 +202,39 @@ impl Eight<'_, '_> {
         // What `weights` has not taken in yet; the weights with it.
         let mut waiting = vec![T::zero(); models];
         let mut shown = weights.clone();
-        let mut y = vec![T::zero(); q];
+        let (mut y, mut u) = (vec![T::zero(); AHEAD * q], vec![T::zero(); AHEAD * walk.u.len()]);
         let mut recorder = Recorder::new(plan, self.first, self.valid, group);
-        for k in 1..=plan.steps {
-            walk.step(&mut y);
-            let moves = k > 1 || plan.moves_first || plan.hold.is_some();
+        let tiles = filters.in_tiles();
+        let mut k = 0;
+        while k < plan.steps {
+            let moves = k > 0 || plan.moves_first || plan.hold.is_some();
+            // up to the next normalisation or report
+            let first = k + 1;
+            k = if tiles && lazy && moves { plan.tile_end(first, LAZY) } else { first };
+            let count = (k - first + 1) as usize;
+            let (y, u) = (&mut y[..count * q], &mut u[..count * walk.u.len()]);
+            walk.steps(y, u);
             if moves && !lazy {
                 weights.predict();
             }
-            filters.step(k, moves, &walk.u, &y);
             let dt = plan.hold.unwrap_or(1.0);
             let folds = !lazy || k.is_multiple_of(LAZY);
             let reports = plan.reports(k);
+            if tiles && lazy {
+                filters.steps(first, !moves, u, y, &mut waiting);
+            } else if tiles {
+                let mut total = std::mem::take(&mut filters.log_lik);
+                total.fill(T::zero());
+                filters.steps(first, !moves, u, y, &mut total);
+                filters.log_lik = total;
+            } else {
+                filters.step(k, moves, u, y);
+            }
             if lazy {
                 for i in 0..models {
-                    waiting[i] = waiting[i] + filters.log_lik[i];
+                    if !tiles {
+                        waiting[i] = waiting[i] + filters.log_lik[i];
+                    }
                 }
                 if reports && !folds {
                     shown.log_p_mut().copy_from_slice(weights.log_p());
@@ -225,7 +253,7 @@ impl Eight<'_, '_> {
             }
             let seen = Seen {
                 x: &walk.x,
-                y: &y,
+                y: &y[(count - 1) * q..],
                 u: &walk.u,
                 x_hat: &filters.x,
                 nis: &filters.nis,

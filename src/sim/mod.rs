@@ -25,7 +25,6 @@ mod adaptive;
 mod alone;
 mod consistency;
 mod field;
-mod filters;
 mod joint;
 mod lanes;
 mod moment;

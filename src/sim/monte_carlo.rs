@@ -133,6 +133,13 @@ impl Plan {
         k == self.steps || (self.every > 0 && k.is_multiple_of(self.every))
     }
 
+    /// The last step that can be taken together with step `first`: up to a report or a
+    /// multiple of `every`.
+    pub(super) fn tile_end(&self, first: u64, every: u64) -> u64 {
+        let end = first.next_multiple_of(every).min(self.steps);
+        if self.every > 0 { end.min(first.next_multiple_of(self.every)) } else { end }
+    }
+
     /// True if a step only adds to the logarithms of the weights.
     pub(super) fn only_adds(&self) -> bool {
         self.law == Law::Bayes

@@ -67,30 +67,21 @@ impl Streams {
     /// The next word of each stream.
     #[inline(always)]
     pub fn words(&mut self) -> [u64; LANES] {
-        let [a, b, c, d] = &mut self.state;
+        let [a, _, _, d] = &self.state;
         let mut out = [0; LANES];
         for l in 0..LANES {
             out[l] = a[l].wrapping_add(d[l]).rotate_left(23).wrapping_add(a[l]);
-            let shifted = b[l] << 17;
-            c[l] ^= a[l];
-            d[l] ^= b[l];
-            b[l] ^= c[l];
-            a[l] ^= d[l];
-            c[l] ^= shifted;
-            d[l] = d[l].rotate_left(45);
         }
+        self.uniforms();
         out
     }
 
     /// Uniform numbers in (0, 1): odd multiples of `2^-53`.
     #[inline(always)]
     pub fn uniforms(&mut self) -> [f64; LANES] {
-        let words = self.words();
         let mut out = [0.0; LANES];
         for l in 0..LANES {
-            // 1 + k 2^-52 from bits, then an exact difference
-            let above_one = f64::from_bits((words[l] >> 12) | 0x3ff0_0000_0000_0000);
-            out[l] = above_one - (1.0 - 0.5 * f64::EPSILON);
+            out[l] = f64::uniform(&mut self.state, l);
         }
         out
     }
@@ -108,11 +99,12 @@ impl Streams {
     pub fn normals<T: Real>(&mut self, out: &mut [Block]) {
         let mut at = 0;
         while at < out.len() {
-            let (u, turn) = (self.uniforms(), self.uniforms());
             for group in 0..groups::<T>() {
                 let lanes = group * T::LANES;
-                let rho = (T::splat(-2.0) * ln_of_normal(T::load(&u[lanes..]))).sqrt();
-                let (s, c) = sin_cos_turns(T::load(&turn[lanes..]));
+                let u = T::uniform(&mut self.state, lanes);
+                let turn = T::uniform(&mut self.state, lanes);
+                let rho = (T::splat(-2.0) * ln_of_normal(u)).sqrt();
+                let (s, c) = sin_cos_turns(turn);
                 (rho * c).store(&mut out[at].0[lanes..]);
                 if at + 1 < out.len() {
                     (rho * s).store(&mut out[at + 1].0[lanes..]);

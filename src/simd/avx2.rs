@@ -179,6 +179,29 @@ impl Real for Pair256 {
         }
     }
     #[inline(always)]
+    fn load_columns(rows: &[&[f64]; 8], at: usize) -> [Self; 8] {
+        // Four 4 by 4 transpositions.
+        let mut r = [Pair256::splat(0.0); 8];
+        for l in 0..8 {
+            r[l] = Self::load(&rows[l][at..]);
+        }
+        let [a, b] =
+            [columns([r[0].0, r[1].0, r[2].0, r[3].0]), columns([r[4].0, r[5].0, r[6].0, r[7].0])];
+        let [c, d] =
+            [columns([r[0].1, r[1].1, r[2].1, r[3].1]), columns([r[4].1, r[5].1, r[6].1, r[7].1])];
+        let mut out = r;
+        for e in 0..4 {
+            out[e] = Pair256(a[e], b[e]);
+            out[e + 4] = Pair256(c[e], d[e]);
+        }
+        out
+    }
+    #[inline(always)]
+    fn uniform(state: &mut [[u64; LANES]; 4], _: usize) -> Self {
+        // The compiler takes rotations out of the registers, word by word.
+        Pair256(uniforms::<0>(state), uniforms::<4>(state))
+    }
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         both!(Pair256, _mm256_fmadd_pd, self, a, b)
     }
@@ -281,4 +304,52 @@ fn biased_exponent(x: __m256d) -> __m256d {
     let shifted = _mm256_slli_epi64::<1>(_mm256_castpd_si256(x));
     let field = _mm256_castsi256_pd(_mm256_srli_epi64::<53>(shifted));
     _mm256_or_pd(field, _mm256_set1_pd(TWO_52))
+}
+
+/// Columns of a 4 by 4 matrix of which the rows are given.
+#[inline(always)]
+fn columns(rows: [__m256d; 4]) -> [__m256d; 4] {
+    let [r0, r1, r2, r3] = rows;
+    cpu!({
+        let (low, high) = (_mm256_unpacklo_pd(r0, r1), _mm256_unpackhi_pd(r0, r1));
+        let (low2, high2) = (_mm256_unpacklo_pd(r2, r3), _mm256_unpackhi_pd(r2, r3));
+        [
+            _mm256_permute2f128_pd::<0x20>(low, low2),
+            _mm256_permute2f128_pd::<0x20>(high, high2),
+            _mm256_permute2f128_pd::<0x31>(low, low2),
+            _mm256_permute2f128_pd::<0x31>(high, high2),
+        ]
+    })
+}
+
+/// [`Real::uniform`] of the four streams from `FIRST` on.
+#[inline(always)]
+fn uniforms<const FIRST: usize>(state: &mut [[u64; LANES]; 4]) -> __m256d {
+    const { assert!(FIRST + 4 <= LANES) };
+    // SAFETY: the reads and the writes are of four words each, from `FIRST` on, of arrays of
+    // eight, which the assertion above keeps inside, and take any alignment; for the
+    // intrinsics see `cpu`.
+    unsafe {
+        let mut words = [_mm256_setzero_si256(); 4];
+        for w in 0..4 {
+            words[w] = _mm256_loadu_si256(state[w].as_ptr().add(FIRST).cast());
+        }
+        let [mut a, mut b, mut c, mut d] = words;
+        let sum = _mm256_add_epi64(a, d);
+        let turned = _mm256_or_si256(_mm256_slli_epi64::<23>(sum), _mm256_srli_epi64::<41>(sum));
+        let word = _mm256_add_epi64(turned, a);
+        let shifted = _mm256_slli_epi64::<17>(b);
+        c = _mm256_xor_si256(c, a);
+        d = _mm256_xor_si256(d, b);
+        b = _mm256_xor_si256(b, c);
+        a = _mm256_xor_si256(a, d);
+        c = _mm256_xor_si256(c, shifted);
+        d = _mm256_or_si256(_mm256_slli_epi64::<45>(d), _mm256_srli_epi64::<19>(d));
+        for (w, value) in [a, b, c, d].into_iter().enumerate() {
+            _mm256_storeu_si256(state[w].as_mut_ptr().add(FIRST).cast(), value);
+        }
+        let one = _mm256_castpd_si256(_mm256_set1_pd(1.0));
+        let above_one = _mm256_castsi256_pd(_mm256_or_si256(_mm256_srli_epi64::<12>(word), one));
+        _mm256_sub_pd(above_one, _mm256_set1_pd(1.0 - 0.5 * f64::EPSILON))
+    }
 }

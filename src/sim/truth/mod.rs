@@ -25,6 +25,7 @@
 //! (in discrete time of its intensity); as a disturbance and as measurement noise
 //! it takes the place of the channel's own `Q` and `R`.
 
+mod course;
 mod source;
 mod walk;
 
@@ -34,7 +35,7 @@ use super::signal::Signals;
 use crate::model::{Controller, Plant, Shaping};
 
 pub(super) use source::{Source, Timing, spread, start};
-pub(super) use walk::{Walk, add_product};
+pub(super) use walk::{AHEAD, Walk, add_product};
 
 /// The plant of a simulation, one or several after each other, and its loop.
 ///

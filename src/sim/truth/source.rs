@@ -291,6 +291,24 @@ impl Source {
         Phase { a, b: [b0, b1], s, g, c, r }
     }
 
+    /// True if nothing but noise drives one plant that stays the same.
+    pub(super) fn is_plain(&self) -> bool {
+        let Self { known, from, timing, filter, controller, .. } = self;
+        from.len() < 2
+            && *timing != Timing::Hold
+            && filter.is_none()
+            && controller.is_none()
+            && known.disturbances.is_empty()
+            && known.noise.is_empty()
+            && known.white.is_empty()
+            && !self.is_driven()
+    }
+
+    /// True if the first step moves before it measures.
+    pub(super) fn moves_first(&self) -> bool {
+        self.timing == Timing::MoveFirst
+    }
+
     /// True if there is anything in the inputs.
     pub(super) fn is_driven(&self) -> bool {
         let known = !self.known.inputs.is_empty();

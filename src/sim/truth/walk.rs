@@ -1,12 +1,14 @@
 //! Eight trials of a truth on their way.
 
+use super::course::Course;
 use super::source::{Phase, Source, Timing};
+use crate::bank::{self, Repeat};
 use crate::real::{LaneKernel, Real};
 use crate::sim::random::Streams;
 use crate::simd::{Block, load_group};
 
 /// Steps whose normal numbers are made at a time; even, so that none is wasted.
-const AHEAD: usize = 16;
+pub(in crate::sim) const AHEAD: usize = 16;
 
 /// Eight trials (or one, for the oracle) on their way.
 pub(in crate::sim) struct Walk<'a, T> {
@@ -76,16 +78,57 @@ impl<'a, T: Real> Walk<'a, T> {
         }
     }
 
+    /// Some steps, as many as there are rows of measurements: the same by bits as one
+    /// after the other. Commands go to `u`, a row a step, unless there never is one.
+    #[inline(always)]
+    pub(in crate::sim) fn steps(&mut self, y: &mut [T], u: &mut [T]) {
+        let (q, m) = (self.source.q, self.u.len());
+        let each = self.z.len();
+        let count = y.len() / q;
+        let mut done = 0;
+        while done < count {
+            if !self.source.is_plain() || (self.k == 0 && !self.source.moves_first()) {
+                self.step(&mut y[done * q..][..q]);
+                u[done * m..][..m].copy_from_slice(&self.u);
+                done += 1;
+                continue;
+            }
+            self.refill();
+            let now = (count - done).min(AHEAD - self.at);
+            let [w, v, _, _] = self.source.drive;
+            T::outline(Course {
+                phase: self.source.phase(0),
+                drive: [w, v],
+                normals: &self.normals[self.at * each..][..now * each],
+                group: self.group,
+                x: &mut self.x,
+                next: &mut self.next,
+                z: &mut self.z,
+                y: &mut y[done * q..][..now * q],
+                q,
+            });
+            self.at += now;
+            self.k += now as u64;
+            done += now;
+        }
+    }
+
+    /// Normal numbers for the step that comes.
+    #[inline(always)]
+    fn refill(&mut self) {
+        if self.at == AHEAD {
+            self.streams.normals::<T>(&mut self.normals);
+            self.at = 0;
+        }
+    }
+
     /// The next step; writes the measurement.
     #[inline(always)]
     pub(in crate::sim) fn step(&mut self, y: &mut [T]) {
         self.k += 1;
         let source = self.source;
         let each = self.z.len();
-        if self.at == AHEAD {
-            self.streams.normals::<T>(&mut self.normals);
-            self.at = 0;
-        }
+        self.refill();
         load_group(&self.normals[self.at * each..][..each], self.group, &mut self.z);
         self.at += 1;
         while self.phase + 1 < source.from.len() && source.from[self.phase + 1] <= self.k {
@@ -254,8 +297,7 @@ pub(in crate::sim) fn add_product<T: Real>(m: &[f64], x: &[T], out: &mut [T]) {
     T::outline(AddProduct { m, x, out });
 }
 
-/// [`add_product`], with constant sizes for those that plants often have: the
-/// chains of the rows are then worked on side by side.
+/// [`add_product`].
 struct AddProduct<'a, T> {
     m: &'a [f64],
     x: &'a [T],
@@ -268,39 +310,6 @@ impl<T: Real> LaneKernel<T> for AddProduct<'_, T> {
     #[inline(always)]
     fn run(self) {
         let AddProduct { m, x, out } = self;
-        if T::UNROLLS {
-            match (out.len(), x.len()) {
-                (1, 1) => return rows::<T, 1, 1>(m, x, out),
-                (1, 2) => return rows::<T, 1, 2>(m, x, out),
-                (1, 3) => return rows::<T, 1, 3>(m, x, out),
-                (1, 4) => return rows::<T, 1, 4>(m, x, out),
-                (2, 2) => return rows::<T, 2, 2>(m, x, out),
-                (2, 4) => return rows::<T, 2, 4>(m, x, out),
-                (3, 3) => return rows::<T, 3, 3>(m, x, out),
-                (4, 4) => return rows::<T, 4, 4>(m, x, out),
-                _ => {}
-            }
-        }
-        let n = x.len();
-        for i in 0..out.len() {
-            let mut sum = out[i];
-            for j in 0..n {
-                sum = T::splat(m[i * n + j]).mul_add(x[j], sum);
-            }
-            out[i] = sum;
-        }
-    }
-}
-
-/// `R` rows of `C` columns.
-#[inline(always)]
-fn rows<T: Real, const R: usize, const C: usize>(m: &[f64], x: &[T], out: &mut [T]) {
-    let (m, x, out) = (&m[..R * C], &x[..C], &mut out[..R]);
-    for i in 0..R {
-        let mut sum = out[i];
-        for j in 0..C {
-            sum = T::splat(m[i * C + j]).mul_add(x[j], sum);
-        }
-        out[i] = sum;
+        bank::add_product::<T, false>(Repeat(m), x, out);
     }
 }

@@ -1,0 +1,143 @@
+//! Some steps of all discrete filters of a bank, models inside time.
+//!
+//! ```text
+//! x <- A x + B u,   r = y - C x,   l <- l + log_norm - |W r|^2 / 2,   x <- x + K r
+//! ```
+//! Each model is a chain of some five multiply-adds a state that wait for each other;
+//! models do not, and with constant sizes the processor works on four or five at a
+//! time. What then limits the step are the multiply-adds: the states of a model stay in
+//! registers for a step, and each coefficient is broadcast once for `V` vectors of
+//! records or trials. With sizes of run time the counting took longer than the
+//! arithmetic.
+
+use super::filter::{Filter, SizedFilter, by_size, filter_step};
+use super::schedule::Schedule;
+use super::states::{Repeat, correct, innovate, propagate, whiten};
+use crate::real::{LaneKernel, Real};
+
+/// Steps of [`Tile::steps`]; run by `T::outline`.
+pub(crate) struct Tile<'a, T, const V: usize> {
+    /// With numbers that are fixed, see [`Schedule::of_all`].
+    pub(crate) schedule: &'a Schedule,
+    /// The first step, from 1.
+    pub(crate) k: u64,
+    /// The states stay as they are before the measurement; one step then.
+    pub(crate) still: bool,
+    /// Shape (step, input, vector), or nothing.
+    pub(crate) u: &'a [T],
+    /// Shape (step, output, vector).
+    pub(crate) y: &'a [T],
+    /// Shape (model, state, vector).
+    pub(crate) x: &'a mut [T],
+    /// What log-likelihoods are added to, shape (model, vector).
+    pub(crate) total: &'a mut [T],
+    /// `|W r|^2` of the last step, shape (model, vector), or nothing.
+    pub(crate) nis: &'a mut [T],
+    pub(crate) scratch: &'a mut Vec<T>,
+}
+
+impl<T: Real, const V: usize> LaneKernel<T> for Tile<'_, T, V> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        if const { T::UNROLLS } && !self.still {
+            let (n, q) = (self.schedule.n, self.schedule.q);
+            // eight lanes of `TILE` 2 are two registers already, and there are sixteen
+            if const { V == 4 || V == 1 } {
+                by_size!(self, n, q, (1, 1), (2, 1), (3, 1), (2, 2), (3, 2));
+            }
+            if const { V == 2 || V == 1 } {
+                by_size!(self, n, q, (4, 1), (5, 1), (6, 1), (4, 2), (5, 2), (6, 2));
+            }
+        }
+        self.any();
+    }
+}
+
+impl<T: Real, const V: usize> Tile<'_, T, V> {
+    #[inline(always)]
+    fn sized<const N: usize, const Q: usize, const AC: usize, const KW: usize>(self) {
+        let steps = self.y.as_chunks::<V>().0.as_chunks::<Q>().0;
+        let commands = self.u.as_chunks::<V>().0;
+        let m = commands.len() / steps.len().max(1);
+        let states = self.x.as_chunks_mut::<V>().0.as_chunks_mut::<N>().0;
+        let totals = self.total.as_chunks_mut::<V>().0;
+        let squares = self.nis.as_chunks_mut::<V>().0;
+        let each = self.schedule.fixed_numbers();
+        for (s, y) in steps.iter().enumerate() {
+            let place = self.schedule.place(self.k + s as u64);
+            let Some([fixed, moving]) = self.schedule.of_all(place) else {
+                return;
+            };
+            let u = &commands[s * m..][..m];
+            let own = moving.as_chunks::<KW>().0;
+            // one check for all models
+            let count = totals.len().min(states.len()).min(own.len());
+            for i in 0..count {
+                let filter = SizedFilter::<AC, KW>::of(&fixed[i * each..], &own[i], N * m);
+                // in registers
+                let mut x = states[i];
+                let square = filter_step(filter, u, y, &mut x);
+                states[i] = x;
+                let log_norm = T::splat(filter.log_norm());
+                for v in 0..V {
+                    let more = T::splat(0.5).neg_mul_add(square[v], log_norm);
+                    totals[i][v] = totals[i][v] + more;
+                }
+                if i < squares.len() {
+                    squares[i] = square;
+                }
+            }
+        }
+    }
+
+    /// The same for sizes of run time, a vector at a time.
+    #[inline(always)]
+    fn any(self) {
+        let Schedule { n, m, q, .. } = *self.schedule;
+        let steps = self.y.len() / (q * V);
+        let inputs = self.u.len() / (steps * V).max(1);
+        self.scratch.resize(2 * (n + q) + inputs, T::zero());
+        let (x, rest) = self.scratch.split_at_mut(n);
+        let (next, rest) = rest.split_at_mut(n);
+        let (y, rest) = rest.split_at_mut(q);
+        let (r, u) = rest.split_at_mut(q);
+        for s in 0..steps {
+            let Some([fixed, moving]) =
+                self.schedule.of_all(self.schedule.place(self.k + s as u64))
+            else {
+                return;
+            };
+            for i in 0..self.total.len() / V {
+                let f = Filter::of(i, fixed, moving, [n, m, q]);
+                for v in 0..V {
+                    let at = i * V + v;
+                    for j in 0..n {
+                        x[j] = self.x[(i * n + j) * V + v];
+                    }
+                    for p in 0..q {
+                        y[p] = self.y[(s * q + p) * V + v];
+                    }
+                    for j in 0..inputs {
+                        u[j] = self.u[(s * inputs + j) * V + v];
+                    }
+                    if !self.still {
+                        propagate(Repeat(f.a), Repeat(f.b), &u[..inputs], x, next);
+                    }
+                    innovate(Repeat(f.c), x, y, r);
+                    let square = whiten(Repeat(f.w), r);
+                    let more = T::splat(0.5).neg_mul_add(square, T::splat(f.log_norm));
+                    self.total[at] = self.total[at] + more;
+                    if at < self.nis.len() {
+                        self.nis[at] = square;
+                    }
+                    correct(Repeat(f.k), r, x);
+                    for j in 0..n {
+                        self.x[(i * n + j) * V + v] = x[j];
+                    }
+                }
+            }
+        }
+    }
+}

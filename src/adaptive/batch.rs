@@ -184,6 +184,30 @@ impl Adaptive {
         Ok(())
     }
 
+    /// As [`Adaptive::step`], for a measurement `intervals` sampling intervals after the one
+    /// before: those between are missing, and inputs run straight from `before` to `u`.
+    ///
+    /// # Errors
+    /// As [`Adaptive::step`]; the observers are then somewhere along the gap.
+    pub fn step_after(
+        &mut self,
+        intervals: u64,
+        before: &[f64],
+        u: &[f64],
+        y: &[f64],
+    ) -> Result<()> {
+        if intervals > 1 {
+            let missing = vec![f64::NAN; y.len()];
+            for gap in 1..intervals {
+                let share = gap as f64 / intervals as f64;
+                let between: Vec<f64> =
+                    before.iter().zip(u).map(|(a, b)| a + share * (b - a)).collect();
+                self.step(&between, &missing)?;
+            }
+        }
+        self.step(u, y)
+    }
+
     /// Many measurements: whole records, the observers spread over threads.
     ///
     /// `u` and `y` hold a row of inputs (outputs) a measurement, one record for all

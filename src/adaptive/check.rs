@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::identify;
+use super::identify::{self, Identifiability};
 use super::layout::kinds;
 use super::plant::{Settings, Structure, Tuning};
 use super::scheme::closed;
@@ -31,7 +31,10 @@ pub(super) fn all(
             }
             match known {
                 true => failures[i - 1].clone().map_or(Ok(()), Err),
-                false => one(structure, settings, tuning),
+                false if settings.rank_test => {
+                    one(structure, tuning).and_then(|()| identifiable(structure, tuning))
+                }
+                false => one(structure, tuning),
             }
         });
         failures.push(tested.err());
@@ -39,12 +42,13 @@ pub(super) fn all(
     failures
 }
 
-fn alike(a: &Tuning, b: &Tuning) -> bool {
+/// True if the same is known of both.
+pub(super) fn alike(a: &Tuning, b: &Tuning) -> bool {
     a.A == b.A && a.C == b.C && a.K == b.K && a.theta == b.theta && a.x_hat == b.x_hat
 }
 
-/// Observability, stability of the observer, and identifiability.
-fn one(structure: &Structure, settings: &Settings, tuning: &Tuning) -> Result<()> {
+/// Observability, and stability of the observer.
+fn one(structure: &Structure, tuning: &Tuning) -> Result<()> {
     let unseen = unseen_mode(tuning.A.as_ref(), tuning.C.as_ref(), true, Region::Everywhere)?;
     if let Some(mode) = unseen {
         let states = mode.states(Some(&structure.states));
@@ -66,14 +70,16 @@ fn one(structure: &Structure, settings: &Settings, tuning: &Tuning) -> Result<()
         let opposite = worst(-1.0)?.eigenvalue.re < 0.0;
         return Err(Error::ObserverUnstable { eigenvalue: mode.eigenvalue, opposite });
     }
-    if !settings.rank_test {
-        return Ok(());
-    }
-    let found = identify::identifiability(structure, tuning)?;
-    if found.rank == found.parameters {
-        return Ok(());
-    }
-    Err(Error::NotIdentifiable {
+    Ok(())
+}
+
+fn identifiable(structure: &Structure, tuning: &Tuning) -> Result<()> {
+    verdict(&identify::identifiability(structure, tuning)?).map_or(Ok(()), Err)
+}
+
+/// The error that a rank test means.
+pub(super) fn verdict(found: &Identifiability) -> Option<Error> {
+    (found.rank < found.parameters).then(|| Error::NotIdentifiable {
         rank: found.rank,
         parameters: found.parameters,
         directions: found.words.join("; "),

@@ -12,9 +12,10 @@
 //!
 //! [`Structure`] names what is unknown, [`Tuning`] describes one observer, [`Adaptive`]
 //! runs many of them, eight to a block of lanes: trials, plants, gains or forgetting
-//! factors. Filters are sampled with linearly interpolated inputs (second order), the
-//! least squares run as `P = U D U'` (Bierman). When a batch is built each plant is
-//! tested: observable, `A_k` stable, parameters identifiable ([`identifiability`]).
+//! factors; [`run_records`] many along many records. Filters are sampled with linearly
+//! interpolated inputs (second order), the least squares run as `P = U D U'` (Bierman).
+//! When a batch is built each plant is tested: observable, `A_k` stable, parameters
+//! identifiable ([`identifiability`]).
 //!
 //! ## Source
 //! Liu, Peng, A state and parameter identification scheme for linearly parameterized
@@ -29,6 +30,7 @@
 mod advance;
 mod batch;
 mod check;
+mod course;
 mod estimate;
 mod group;
 mod identify;
@@ -36,15 +38,19 @@ mod layout;
 mod least_squares;
 mod physical;
 mod plant;
+mod records;
 mod regressor;
 mod scheme;
 mod ud;
 mod words;
 
 pub use batch::Adaptive;
+pub use course::Courses;
+pub(crate) use course::Plan;
 pub use estimate::{Estimate, Window};
 pub use identify::{Identifiability, identifiability};
 pub use least_squares::LeastSquares;
 pub use physical::solve_parameters;
 pub use plant::{Prior, Reading, Settings, Structure, Tuning};
+pub use records::{Records, run_records};
 pub use regressor::{Column, FnRegressor, Regressor, Unknown};

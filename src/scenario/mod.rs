@@ -43,6 +43,7 @@ mod surroundings;
 mod table;
 mod template;
 mod truth;
+mod uneven;
 mod weighting;
 
 use std::fmt;
@@ -58,6 +59,7 @@ pub use family::ExpressionFamily;
 pub use rewrite::with_models;
 pub use simulation::Simulation;
 pub use template::{Template, template};
+pub use uneven::{Refusal, Since, Uneven};
 
 use crate::eip::{Bank, Study, WeightLaw};
 use crate::engine::{Innovation, Mixing, Weighting};

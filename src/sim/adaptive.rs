@@ -4,7 +4,7 @@ use super::field::{Field, Path};
 use super::quantile::LEVELS;
 use super::random::Streams;
 use super::signal::Signal;
-use crate::adaptive::{Adaptive, Estimate, Settings, Structure, Tuning};
+use crate::adaptive::{Adaptive, Courses, Estimate, Plan, Settings, Structure, Tuning};
 use crate::error::{Error, Result};
 use crate::par::{self, RunControl};
 use crate::simd::{Block, LANES};
@@ -87,12 +87,77 @@ pub struct AdaptiveSummary {
     pub truth_error: f64,
 }
 
+/// Every trial of every tuning along time.
+#[derive(Debug, Clone)]
+pub struct AdaptiveCourses {
+    /// Seconds of the reports, the last that of the end.
+    pub t: Vec<f64>,
+    /// The plant's state, shape (report, state).
+    pub x: Vec<f64>,
+    /// What the observers said; a record is a trial.
+    pub courses: Courses,
+    /// Runge-Kutta steps of an interval of the plant.
+    pub parts: u32,
+    /// See [`Path::error`].
+    pub truth_error: f64,
+}
+
+/// What the observers of eight trials are told.
+struct Told<'a> {
+    trials: &'a AdaptiveTrials,
+    path: &'a Path,
+    streams: Streams,
+    noise: Vec<Block>,
+}
+
+impl<'a> Told<'a> {
+    fn new(trials: &'a AdaptiveTrials, path: &'a Path, first: u64) -> Self {
+        let noise = vec![Block::default(); trials.output_noise.len() + trials.input_noise.len()];
+        Self { trials, path, streams: Streams::new(trials.seed, first), noise }
+    }
+
+    /// Sample `row`, the next: outputs of as many trials as `y` has room for, and inputs.
+    fn next(&mut self, row: usize, u: &mut [f64], y: &mut [f64]) {
+        let (outputs, inputs) = (&self.trials.output_noise, &self.trials.input_noise);
+        let (q, m) = (outputs.len(), inputs.len());
+        self.streams.normals::<f64>(&mut self.noise);
+        for l in 0..y.len() / q {
+            for j in 0..q {
+                y[l * q + j] = outputs[j].mul_add(self.noise[j].0[l], self.path.y[row * q + j]);
+            }
+            for j in 0..m {
+                u[l * m + j] = inputs[j].mul_add(self.noise[q + j].0[l], self.path.u[row * m + j]);
+            }
+        }
+    }
+}
+
 impl AdaptiveTrials {
     /// Tests plant and observer, as a run would.
     ///
     /// # Errors
     /// As [`AdaptiveTrials::run`].
     pub fn check(&self) -> Result<Adaptive> {
+        self.check_plant()?;
+        let [n, _, _, p] = self.structure.sizes();
+        let numbers = u128::from(self.trials) * self.reports() as u128 * (n + p) as u128;
+        if numbers > LIMIT {
+            return Err(Error::Limit {
+                what: "the reports of all trials".into(),
+                bytes: 8 * numbers,
+                limit: 8 * LIMIT,
+                remedy: "report less often, or run fewer trials",
+            });
+        }
+        let one = vec![self.tuning.clone()];
+        Adaptive::new(self.structure.clone(), self.settings.clone(), one).map_err(|e| match e {
+            Error::AllFailed { source, .. } => *source,
+            e => e,
+        })
+    }
+
+    /// Checks what does not depend on the observer.
+    fn check_plant(&self) -> Result<()> {
         let [_, m, q, _] = self.structure.sizes();
         let counts = [
             ("inputs", self.inputs.len(), m),
@@ -114,21 +179,7 @@ impl AdaptiveTrials {
         if self.samples < 2 || self.trials == 0 {
             return Err(Error::Empty { what: "the run (two samples and one trial)".into() });
         }
-        let [n, _, _, p] = self.structure.sizes();
-        let numbers = u128::from(self.trials) * self.reports() as u128 * (n + p) as u128;
-        if numbers > LIMIT {
-            return Err(Error::Limit {
-                what: "the reports of all trials".into(),
-                bytes: 8 * numbers,
-                limit: 8 * LIMIT,
-                remedy: "report less often, or run fewer trials",
-            });
-        }
-        let one = vec![self.tuning.clone()];
-        Adaptive::new(self.structure.clone(), self.settings.clone(), one).map_err(|e| match e {
-            Error::AllFailed { source, .. } => *source,
-            e => e,
-        })
+        Ok(())
     }
 
     fn reports(&self) -> usize {
@@ -165,6 +216,48 @@ impl AdaptiveTrials {
         self.summary(&path, parts)
     }
 
+    /// Every trial with every one of `tunings` in place of the observer's own, each whole:
+    /// the plant, the noise and the bits of [`AdaptiveTrials::run`].
+    ///
+    /// `tolerance` is that of [`run_records`](crate::adaptive::run_records).
+    ///
+    /// # Errors
+    /// `Shape`, `Range`, `Empty`, `Limit`; what [`Field::path`] refuses; as
+    /// [`Adaptive::new`] where no tuning can be used; `Cancelled`.
+    pub fn courses(
+        &self,
+        tunings: &[Tuning],
+        tolerance: f64,
+        control: &RunControl<'_>,
+    ) -> Result<AdaptiveCourses> {
+        self.check_plant()?;
+        let samples = usize::try_from(self.samples).unwrap_or(usize::MAX);
+        let reports: Vec<usize> = (0..samples).filter(|k| self.reported(*k as u64)).collect();
+        let path = self.truth.path(&self.x0, &self.inputs, self.settings.dt, samples)?;
+        let plan = Plan {
+            structure: &self.structure,
+            settings: &self.settings,
+            tunings,
+            sources: usize::try_from(self.trials).unwrap_or(usize::MAX),
+            samples,
+            intervals: &[],
+            reports: &reports,
+            tolerance,
+        };
+        let courses = plan.run(control, |trials| {
+            let mut told = Told::new(self, &path, trials.start as u64);
+            move |k: usize, u: &mut [f64], y: &mut [f64]| told.next(k, u, y)
+        })?;
+        let (n, settings) = (self.truth.states, &self.settings);
+        Ok(AdaptiveCourses {
+            t: reports.iter().map(|k| settings.t0 + *k as f64 * settings.dt).collect(),
+            x: reports.iter().flat_map(|k| &path.x[k * n..][..n]).copied().collect(),
+            courses,
+            parts: path.parts,
+            truth_error: path.error,
+        })
+    }
+
     /// Trials from `first` on: parameters and states at every report, shape (trial,
     /// report, p + n).
     fn block(
@@ -177,24 +270,14 @@ impl AdaptiveTrials {
     ) -> Result<Vec<f64>> {
         let [n, m, q, p] = self.structure.sizes();
         let states = self.truth.states;
-        let mut streams = Streams::new(self.seed, first);
-        let mut noise = vec![Block::default(); q + m];
+        let mut told = Told::new(self, path, first);
         let (mut u, mut y) = (vec![0.0; LANES * m], vec![0.0; LANES * q]);
         let reports = self.reports();
         let mut out = vec![f64::NAN; count * reports * (p + n)];
         let mut report = 0;
         for k in 0..self.samples {
             let row = k as usize;
-            streams.normals::<f64>(&mut noise);
-            for l in 0..LANES {
-                for j in 0..q {
-                    y[l * q + j] = self.output_noise[j].mul_add(noise[j].0[l], path.y[row * q + j]);
-                }
-                for j in 0..m {
-                    u[l * m + j] =
-                        self.input_noise[j].mul_add(noise[q + j].0[l], path.u[row * m + j]);
-                }
-            }
+            told.next(row, &mut u, &mut y);
             observers.step(&u, &y)?;
             if !self.reported(k) {
                 continue;

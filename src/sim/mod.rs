@@ -37,7 +37,9 @@ mod signal;
 mod tally;
 mod truth;
 
-pub use adaptive::{AdaptiveCourse, AdaptiveMoment, AdaptiveSummary, AdaptiveTrials};
+pub use adaptive::{
+    AdaptiveCourse, AdaptiveCourses, AdaptiveMoment, AdaptiveSummary, AdaptiveTrials,
+};
 pub use consistency::chi_square_band;
 pub use field::{Field, FieldFn, Path};
 pub use moment::{Moment, Summary};

@@ -1,6 +1,6 @@
 //! Lanes, threads, missing outputs, boxes, resets.
 
-use mmae::adaptive::{Adaptive, Prior, Reading, Settings, Tuning};
+use mmae::adaptive::{Adaptive, Prior, Reading, Records, Settings, Tuning, run_records};
 use mmae::par::RunControl;
 use mmae::{Error, mat};
 
@@ -161,4 +161,105 @@ fn standard_deviations_cover_the_errors_that_noise_makes() {
     }
     // an upper bound: the mean square is at most about one
     assert!(share.iter().all(|s| *s < 2.0), "{share:?}");
+}
+
+/// Courses of many tunings along many records are those of each observer alone, sample by
+/// sample, with a gap in the times and a tuning that cannot be used among them.
+#[test]
+fn courses_of_records_are_those_of_each_alone() {
+    let (h, samples, count) = (0.02, 301, 10);
+    let settings = Settings { window: 100, ..Settings::new(h) };
+    let mut tunings = many();
+    tunings[3].K = mat![[-5.0], [5.0]];
+    let (mut all_u, mut all_y) = (Vec::new(), Vec::new());
+    for record_ in 0..count {
+        let scale = 1.0 + 0.1 * f64::from(record_);
+        let (u, mut y) = record(h, samples, |t| scale * input(t));
+        y[50] = f64::NAN;
+        all_u.extend(u);
+        all_y.extend(y);
+    }
+    let mut intervals = vec![1; samples];
+    intervals[120] = 4;
+    let reports = [99, 119, 120, 300];
+    let records = Records {
+        records: count as usize,
+        samples,
+        y: &all_y,
+        u: &all_u,
+        intervals: &intervals,
+        reports: &reports,
+    };
+    let run = |threads: usize| {
+        let control = RunControl::default().threads(threads);
+        run_records(&structure(), &settings, &tunings, &records, 0.5, &control).unwrap()
+    };
+    let got = run(1);
+    let two = run(2);
+    assert_eq!((bits(&two.theta), bits(&two.drift)), (bits(&got.theta), bits(&got.drift)));
+    assert!(matches!(got.failures[3], Some(Error::ObserverUnstable { .. })));
+    for (i, tuning) in tunings.iter().enumerate() {
+        for j in 0..records.records {
+            let course = i * records.records + j;
+            if i == 3 {
+                assert!(!got.sound[course] && got.theta[course * 16..][..16][0].is_nan());
+                continue;
+            }
+            let one = vec![tuning.clone()];
+            let mut alone = Adaptive::new(structure(), settings.clone(), one).unwrap();
+            let (u, y) = (&all_u[j * samples..], &all_y[j * samples..]);
+            let mut report = 0;
+            for k in 0..samples {
+                for gap in 1..intervals[k] {
+                    let share = gap as f64 / intervals[k] as f64;
+                    let between = u[k - 1] + share * (u[k] - u[k - 1]);
+                    alone.step(&[between], &[f64::NAN]).unwrap();
+                }
+                alone.step(&[u[k]], &[y[k]]).unwrap();
+                if reports.get(report) == Some(&k) {
+                    let (e, row) = (alone.estimate(0), course * reports.len() + report);
+                    assert_eq!(bits(&e.theta), bits(&got.theta[row * 4..][..4]));
+                    assert_eq!(bits(&e.std), bits(&got.theta_std[row * 4..][..4]));
+                    assert_eq!(bits(&e.x_std), bits(&got.x_std[row * 2..][..2]));
+                    assert_eq!(
+                        e.correlation[(1, 2)].to_bits(),
+                        got.correlation[row * 16 + 6].to_bits()
+                    );
+                    assert_eq!(e.window.condition.to_bits(), got.condition[row].to_bits());
+                    assert_eq!(e.is_settled(0.5), got.settled[row]);
+                    assert_eq!(y[k].to_bits(), got.y[j * reports.len() + report].to_bits());
+                    report += 1;
+                }
+            }
+            assert!(got.sound[course]);
+        }
+    }
+}
+
+#[test]
+fn records_that_do_not_fit_are_refused() {
+    let (u, y) = (vec![0.0; 20], vec![0.0; 20]);
+    let good = Records { records: 2, samples: 10, y: &y, u: &u, intervals: &[], reports: &[4, 9] };
+    let refused = |records: Records<'_>, tolerance: f64| {
+        let settings = Settings::new(0.02);
+        let all = [tuning(1e3)];
+        let control = RunControl::default();
+        run_records(&structure(), &settings, &all, &records, tolerance, &control).err()
+    };
+    assert_eq!(refused(good, 0.02), None);
+    assert!(matches!(refused(Records { y: &y[1..], ..good }, 0.02), Some(Error::Shape { .. })));
+    assert!(matches!(refused(Records { u: &u[3..], ..good }, 0.02), Some(Error::Shape { .. })));
+    let list = [1; 3];
+    let short = Records { intervals: &list, ..good };
+    assert!(matches!(refused(short, 0.02), Some(Error::Shape { .. })));
+    for reports in [&[4, 4][..], &[10], &[]] {
+        let wrong = Records { reports, ..good };
+        assert!(matches!(refused(wrong, 0.02), Some(Error::Range { .. })), "{reports:?}");
+    }
+    assert!(matches!(refused(good, f64::NAN), Some(Error::Range { .. })));
+    let odd = vec![f64::INFINITY; 20];
+    let infinite = Records { y: &odd, ..good };
+    assert!(matches!(refused(infinite, 0.02), Some(Error::NonFinite { .. })));
+    let none = Records { samples: 0, y: &[], u: &[], ..good };
+    assert!(matches!(refused(none, 0.02), Some(Error::Empty { .. })));
 }

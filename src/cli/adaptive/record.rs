@@ -9,7 +9,7 @@ use super::super::signals::Signals;
 use super::answer::{Answer, Row, numbers};
 use super::{draw, file_name, files, finish, open, refused, show, stride};
 use crate::adaptive::{Adaptive, Settings};
-use crate::scenario::{AdaptiveObserver, Scenario};
+use crate::scenario::{AdaptiveObserver, Diagnostic, Error, Scenario, Since};
 
 pub(in super::super) fn run(
     args: &EstimateArguments,
@@ -61,22 +61,19 @@ pub(in super::super) fn run(
 
 /// Sampling intervals up to each row; 1 for the first.
 fn intervals(args: &EstimateArguments, record: &Record, dt: f64) -> Result<Vec<u64>, Failure> {
-    let one = |k: usize| match super::super::estimate::since(record, k, dt) {
-        super::super::estimate::Since::Steps(steps) => Ok(steps),
-        super::super::estimate::Since::Seconds(seconds) => {
-            Err(Failure::from(crate::scenario::Error::Invalid(vec![crate::scenario::Diagnostic {
-                file: args.data.display().to_string(),
-                line: k + 2,
-                column: 1,
-                key: "t".into(),
-                message: format!(
-                    "{seconds} s after the sample before, not a multiple of dt = {dt} s"
-                ),
-                remedy: "give the interval of the record as adaptive.dt".into(),
-            }])))
-        }
+    let Some(t) = &record.t else { return Ok(vec![1; record.len]) };
+    let one = |(k, since): (usize, Since)| match since {
+        Since::Steps(steps) => Ok(steps),
+        Since::Seconds(seconds) => Err(Failure::from(Error::Invalid(vec![Diagnostic {
+            file: args.data.display().to_string(),
+            line: k + 2,
+            column: 1,
+            key: "t".into(),
+            message: format!("{seconds} s after the sample before, not a multiple of dt = {dt} s"),
+            remedy: "give the interval of the record as adaptive.dt".into(),
+        }]))),
     };
-    (0..record.len).map(one).collect()
+    Since::all(t, dt).enumerate().map(one).collect()
 }
 
 /// Runs an observer along the record.
@@ -94,7 +91,6 @@ fn follow(
     let structure = observer.structure.clone();
     let mut adaptive = Adaptive::new(structure, settings, vec![observer.tuning.clone()])
         .map_err(|e| Failure::from(scenario.explain_adaptive(e, &observer.name)))?;
-    let missing = vec![f64::NAN; q];
     let mut rows = Vec::new();
     for k in 0..record.len {
         if signals.raised() {
@@ -103,14 +99,8 @@ fn follow(
         let failed = |e: crate::Error| Failure::Numerical(vec![format!("sample {}: {e}", k + 1)]);
         let (u, y) = (&record.u[k * m..][..m], &record.y[k * q..][..q]);
         // a gap in the times is so many measurements that are missing
-        for gap in 1..steps[k] {
-            let before = &record.u[(k - 1) * m..][..m];
-            let share = gap as f64 / steps[k] as f64;
-            let between: Vec<f64> =
-                before.iter().zip(u).map(|(a, b)| a + share * (b - a)).collect();
-            adaptive.step(&between, &missing).map_err(failed)?;
-        }
-        adaptive.step(u, y).map_err(failed)?;
+        let before = &record.u[k.saturating_sub(1) * m..][..m];
+        adaptive.step_after(steps[k], before, u, y).map_err(failed)?;
         let row = k as u64 + 1;
         if every > 0 && row.is_multiple_of(every) {
             let e = adaptive.estimate(0);

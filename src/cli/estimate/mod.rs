@@ -3,7 +3,6 @@
 pub(super) mod data;
 mod seen;
 
-use std::collections::HashMap;
 use std::io::{self, Write};
 
 use serde::Serialize;
@@ -14,14 +13,12 @@ use super::course;
 use super::failure::{Failure, say};
 use super::output;
 use super::signals::Signals;
-use crate::bank::GainMode;
 use crate::engine::{Estimate, Mmae};
-use crate::model::Plant;
 use crate::par::RunControl;
 use crate::report::timeline::{Bands, Timeline, Track};
 use crate::report::write::{MANIFEST, Output};
 use crate::report::{figure, layout, significant};
-use crate::scenario::{Diagnostic, Error, Estimator, Scenario};
+use crate::scenario::{Diagnostic, Error, Estimator, Refusal, Scenario, Since, Uneven};
 use crate::weight::{DwsgScheme, Law};
 use data::Record;
 use seen::Seen;
@@ -195,11 +192,14 @@ fn filter(
 ) -> Result<Vec<Row>, Failure> {
     let [_, m, q] = mmae.bank().sizes();
     let dt = mmae.bank().dt();
-    let missing = vec![f64::NAN; q];
     let nothing = vec![0.0; m];
     let continuous = mmae.bank().is_continuous();
     let mut rows = Vec::new();
-    let mut models = Interval { dt, now: dt, made: HashMap::new() };
+    let intervals = match &record.t {
+        Some(t) => estimator.intervals(t, dt).map_err(|r| refuse(args, r))?,
+        None => vec![Since::Steps(1); record.len],
+    };
+    let mut uneven = Uneven::new(estimator, mmae);
     for k in 0..record.len {
         if signals.raised() {
             return Err(Failure::Cancelled);
@@ -209,19 +209,7 @@ fn filter(
         // measurement, in continuous time along the interval that begins there
         let before = if k > 0 { &record.u[(k - 1) * m..][..m] } else { &nothing[..] };
         let u = if continuous { held } else { before };
-        match since(record, k, dt) {
-            // a gap in the times is so many measurements that are missing
-            Since::Steps(steps) => {
-                models.set(dt, estimator, mmae).map_err(|e| numerical(k, &e))?;
-                for _ in 1..steps {
-                    mmae.step(before, &missing).map_err(|e| numerical(k, &e))?;
-                }
-            }
-            Since::Seconds(seconds) if irregular(estimator) => {
-                models.set(seconds, estimator, mmae).map_err(|e| numerical(k, &e))?;
-            }
-            Since::Seconds(seconds) => return Err(refuse(args, k, seconds, dt, estimator).into()),
-        }
+        uneven.reach(mmae, intervals[k], before).map_err(|e| numerical(k, &e))?;
         let y = &record.y[k * q..][..q];
         let step = mmae.step(u, y);
         step.map_err(|e| numerical(k, &e))?;
@@ -245,87 +233,14 @@ fn numerical(k: usize, error: &crate::Error) -> Failure {
     Failure::Numerical(vec![format!("sample {}: {error}", k + 1)])
 }
 
-/// Longest gap in a record, in sampling intervals.
-const GAP: f64 = 1e6;
-
-/// Time since the sample before.
-pub(super) enum Since {
-    /// So many sampling intervals.
-    Steps(u64),
-    /// Not a whole number of them.
-    Seconds(f64),
-}
-
-pub(super) fn since(record: &Record, k: usize, dt: f64) -> Since {
-    let Some(t) = record.t.as_ref().filter(|_| k > 0) else { return Since::Steps(1) };
-    let seconds = t[k] - t[k - 1];
-    let whole = (seconds / dt).round();
-    if (seconds / dt - whole).abs() > 1e-3 || !(1.0..=GAP).contains(&whole) {
-        return Since::Seconds(seconds);
-    }
-    Since::Steps(whole as u64)
-}
-
-/// True for filters that take a measurement at any time.
-fn irregular(estimator: &Estimator) -> bool {
-    estimator.continuous.is_some() && estimator.settings.gains == GainMode::Recursive
-}
-
-/// Sampled models by the bits of the interval.
-struct Interval {
-    dt: f64,
-    now: f64,
-    made: HashMap<u64, Vec<Plant>>,
-}
-
-/// Intervals whose models are kept.
-const INTERVALS: usize = 1000;
-
-impl Interval {
-    /// Puts the filters to models over `seconds`.
-    fn set(&mut self, seconds: f64, estimator: &Estimator, mmae: &mut Mmae) -> crate::Result<()> {
-        if seconds.to_bits() == self.now.to_bits() {
-            return Ok(());
-        }
-        self.now = seconds;
-        if seconds.to_bits() == self.dt.to_bits() {
-            return mmae.set_models(&estimator.members.plants);
-        }
-        if let Some(models) = self.made.get(&seconds.to_bits()) {
-            return mmae.set_models(models);
-        }
-        let Some(models) = estimator.models_over(seconds)? else { return Ok(()) };
-        mmae.set_models(&models)?;
-        if self.made.len() < INTERVALS {
-            self.made.insert(seconds.to_bits(), models);
-        }
-        Ok(())
-    }
-}
-
-fn refuse(args: &EstimateArguments, k: usize, seconds: f64, dt: f64, bank: &Estimator) -> Error {
-    let long = seconds / dt > GAP;
-    let remedy = if long {
-        "split the record there"
-    } else if bank.continuous.is_some() {
-        "give bank.P0 or gains = \"recursive\": steady gains are those of one interval"
-    } else if bank.members.observer.is_continuous() {
-        "give the interval of the record as dt, or use observer = \"kalman\", which takes a \
-         measurement at any time"
-    } else {
-        "give the sampling interval of the record as dt, or leave out the times"
-    };
+fn refuse(args: &EstimateArguments, refusal: Refusal) -> Error {
     Error::Invalid(vec![Diagnostic {
         file: args.data.display().to_string(),
-        line: k + 2,
+        line: refusal.at + 2,
         column: 1,
         key: "t".into(),
-        message: if long {
-            format!("a gap of {seconds} s, over the limit of {GAP} sampling intervals")
-        } else {
-            format!("{seconds} s after the sample before, not a multiple of dt = {dt} s")
-        },
-        remedy: remedy.into(),
+        message: refusal.message,
+        remedy: refusal.remedy.into(),
     }])
 }
 

@@ -3,7 +3,8 @@
 Equations on stacked arrays: :func:`care`, :func:`dare`, :func:`lyap`, :func:`sylvester`,
 :func:`riccati_ode`. Scenarios (:class:`Scenario`, :class:`Family`) and what can be asked of
 them, as labelled datasets: :func:`eip`, :func:`place`, :func:`estimate`, :func:`run`,
-:func:`monte_carlo`; :func:`sweep` for grids larger than a machine. Pictures: ``pymmae.plot``.
+:func:`monte_carlo`, :func:`adaptive`; :func:`sweep` for grids larger than a machine. Pictures:
+``pymmae.plot``.
 
 All engine work runs without the interpreter lock, on ``threads`` threads, and stops at
 Ctrl-C. Results have the same bits for any number of threads. What goes wrong is a subclass
@@ -30,6 +31,7 @@ from .errors import (
     SweepError,
 )
 from .family import Family
+from .observers import adaptive
 from .runs import estimate, monte_carlo, run
 from .scenario import Scenario, ScenarioWarning
 from .solvers import Solutions, care, dare, lyap, riccati_ode, sylvester
@@ -56,6 +58,7 @@ __all__ = [
     "Sweep",
     "SweepError",
     "VERSION",
+    "adaptive",
     "care",
     "dare",
     "eip",

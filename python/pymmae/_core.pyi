@@ -9,9 +9,7 @@ CPU_TIER: str
 _Tell = Callable[[int, int], object] | None
 
 class Scenario:
-    def __new__(
-        cls, name: str, text: str, family: Mapping[str, Any] | None = None
-    ) -> Scenario: ...
+    def __new__(cls, name: str, text: str, family: Mapping[str, Any] | None = None) -> Scenario: ...
     def about(self) -> dict[str, Any]: ...
     def plant(self, values: list[tuple[str, float]]) -> dict[str, Any]: ...
 
@@ -25,9 +23,7 @@ def care(
     check: str,
     threads: int | None,
 ) -> dict[str, Any]: ...
-def lyapunov(
-    a: Any, q: Any, discrete: bool, check: str, threads: int | None
-) -> dict[str, Any]: ...
+def lyapunov(a: Any, q: Any, discrete: bool, check: str, threads: int | None) -> dict[str, Any]: ...
 def sylvester(
     a: Any, b: Any, c: Any, discrete: bool, check: str, threads: int | None
 ) -> dict[str, Any]: ...
@@ -43,9 +39,34 @@ def place(
     anchor: float | None,
     threads: int | None,
 ) -> dict[str, Any]: ...
-def estimate(scenario: Scenario, y: Any, u: Any, progress: _Tell) -> dict[str, Any]: ...
+def estimate(scenario: Scenario, y: Any, u: Any, t: Any, progress: _Tell) -> dict[str, Any]: ...
 def estimate_many(
-    scenario: Scenario, y: Any, u: Any, every: int, threads: int | None, progress: _Tell
+    scenario: Scenario, y: Any, u: Any, t: Any, every: int, threads: int | None, progress: _Tell
+) -> dict[str, Any]: ...
+def adaptive_trials(
+    scenario: Scenario,
+    observer: str | None,
+    grid: Mapping[str, Any],
+    case: str | None,
+    truth: list[tuple[str, float]],
+    trials: int | None,
+    seed: int | None,
+    every: int | None,
+    tolerance: float,
+    threads: int | None,
+    progress: _Tell,
+) -> dict[str, Any]: ...
+def adaptive_records(
+    scenario: Scenario,
+    observer: str | None,
+    grid: Mapping[str, Any],
+    y: Any,
+    u: Any,
+    t: Any,
+    every: int,
+    tolerance: float,
+    threads: int | None,
+    progress: _Tell,
 ) -> dict[str, Any]: ...
 def trials(
     scenario: Scenario,

@@ -279,4 +279,3 @@ def _here(job: Job, run: Callable[[Job, int], Outcome]) -> Any:
         again = yield {**answer, "of": answer["task"], "task": task}
         if again is not None:
             todo.append(again)
-

@@ -145,11 +145,13 @@ def errors(summary: xr.Dataset, ax: Any = None) -> Any:
 
 
 def states(course: xr.Dataset, axes: Any = None) -> Any:
-    """States along time: estimates, and those of the plant where they are known."""
+    """States along time: estimates, and those of the plant where they are known; of an
+    adaptive observer with bands as :func:`parameters`, and outputs that were measured."""
+    if "x_std" in course:
+        return _states_of_observer(course, axes)
     course = _one_course(course)
     names = [str(name) for name in course.state.values]
-    axes = _axes(axes, len(names), sharex=True, squeeze=False)
-    axes = np.ravel(axes)
+    axes = _panels(axes, len(names))
     for j, (name, ax) in enumerate(zip(names, axes)):
         if "x" in course:
             ax.plot(course.time, course.x.values[:, j], color="0.6", lw=2, label="plant")
@@ -159,3 +161,90 @@ def states(course: xr.Dataset, axes: Any = None) -> Any:
     axes[0].legend(fontsize="small", frameon=False)
     axes[-1].set_xlabel("time (s)")
     return axes
+
+
+def _panels(axes: Any, count: int) -> Any:
+    """One axes a row, with a common time."""
+    return np.ravel(_axes(axes, count, sharex=True, squeeze=False))
+
+
+def parameters(course: xr.Dataset, axes: Any = None) -> Any:
+    """Parameters of an adaptive observer along time, over their true values in grey where
+    they are known: the estimate with a band of two standard deviations, or of several trials
+    their mean with bands that hold 50 % and 90 % of them.
+
+    Of several cases, items or records the first is drawn; select another with ``sel``.
+    """
+    course = _one_observer(course)
+    names = [str(name) for name in course.parameter.values]
+    axes = _panels(axes, len(names))
+    for i, (name, ax) in enumerate(zip(names, axes)):
+        own = course.isel(parameter=i)
+        truth = np.full(course.sizes["time"], float(own.theta)) if "theta" in course else None
+        _estimate(ax, course.time.values, own.theta_hat, own.theta_std, truth)
+        unit = str(own.parameter_units.values)
+        ax.set_ylabel(f"{name} ({unit})" if unit else name)
+    _finish(axes, course)
+    return axes
+
+
+def _states_of_observer(course: xr.Dataset, axes: Any) -> Any:
+    course = _one_observer(course)
+    names = [str(name) for name in course.state.values]
+    axes = _panels(axes, len(names))
+    plant = "plant_state" if "plant_state" in course.dims else "state"
+    for name, ax in zip(names, axes):
+        own = course.sel(state=name)
+        known = "x" in course and name in course[plant].values
+        truth = course.x.sel({plant: name}).values if known else None
+        _estimate(ax, course.time.values, own.x_hat, own.x_std, truth)
+        if "x" not in course and name in course.output.values:
+            measured = course.y.sel(output=name).values
+            ax.plot(course.time, measured, ".", color="0.3", ms=2, label="measured", zorder=1)
+        unit = str(own.state_units.values)
+        ax.set_ylabel(f"{name} ({unit})" if unit else name)
+    _finish(axes, course)
+    return axes
+
+
+def _one_observer(course: xr.Dataset) -> xr.Dataset:
+    """The first case, item and record; a single trial without its dimension."""
+    for dim in ("case", "item", "record"):
+        if dim in course.dims:
+            course = course.isel({dim: 0})
+    if course.sizes.get("trial") == 1:
+        course = course.isel(trial=0)
+    return course
+
+
+def _estimate(ax: Any, time: Any, hat: xr.DataArray, std: xr.DataArray, truth: Any) -> None:
+    """An estimate with its band."""
+    if "trial" in hat.dims:
+        # trials that ran away are left out
+        middle = hat.mean("trial").values
+        edges = hat.quantile([0.05, 0.25, 0.75, 0.95], "trial").values
+        bands = [(edges[0], edges[3], "90 % of the trials"), (edges[1], edges[2], "50 %")]
+        label = "mean"
+    else:
+        middle, spread = hat.values, 2 * std.values
+        bands = [(middle - spread, middle + spread, "two standard deviations")]
+        label = "estimate"
+    # at the start a band is as wide as the prior: it would flatten the curve
+    shown = np.concatenate([middle, [] if truth is None else truth])
+    shown = shown[np.isfinite(shown)]
+    if shown.size:
+        low, high = shown.min(), shown.max()
+        room = 0.6 * max(high - low, 1e-12 * abs(high), 1e-300)
+        bands = [(a.clip(low - room, high + room), b.clip(low - room, high + room), text)
+                 for a, b, text in bands]  # fmt: skip
+    for lower, upper, text in bands:
+        ax.fill_between(time, lower, upper, color=_colour(0), alpha=0.15, lw=0, label=text)
+    if truth is not None:
+        ax.plot(time, truth, color="0.6", lw=2, label="plant")
+    ax.plot(time, middle, color=_colour(0), label=label)
+
+
+def _finish(axes: Any, course: xr.Dataset) -> None:
+    axes[0].set_title(course.attrs.get("title") or "Adaptive observer")
+    axes[0].legend(fontsize="small", framealpha=0.85, edgecolor="none")
+    axes[-1].set_xlabel("time (s)")

@@ -26,6 +26,7 @@ def estimate(
     y: ArrayLike,
     u: ArrayLike | None = None,
     *,
+    t: ArrayLike | None = None,
     every: int | None = None,
     threads: int | None = None,
     progress: Progress = None,
@@ -41,6 +42,11 @@ def estimate(
 
     ``y`` has shape ``(time, output)``, NaN for what is missing, one row each ``dt``
     seconds; ``u`` ``(time, input)``, the inputs that act from the time of their row on.
+    ``t``, shape ``(time,)``, are the times of the rows in seconds where they are uneven, as a
+    column ``t`` of ``mmae estimate``: a gap of whole multiples of ``dt`` is measurements that
+    are missing; at any other times the plant is sampled anew for each interval, which
+    Kalman filters of continuous plants with a covariance recursion allow
+    (``observer = "kalman"`` with ``P0``). All records share ``t``.
     One record gives all of it: ``p``, ``log_p``, ``x_hat``, ``theta_hat``, ``nis``, the
     innovations ``r``, ``log_lik``. With a dimension ``record`` in front many records run
     at once, eight in lanes, and every ``every``-th step is reported (0: the end alone, the
@@ -50,8 +56,8 @@ def estimate(
     Source: Lainiotis (1976), Proc. IEEE 64; Aguiar et al. (2007), eqs. (8)-(12) in
     continuous time.
 
-    Raises ``InputError`` for arrays that do not fit, ``NumericalError`` once every model
-    has failed.
+    Raises ``InputError`` for arrays that do not fit and for times that do not rise or that
+    the observers cannot take, ``NumericalError`` once every model has failed.
 
     >>> import numpy as np, pymmae
     >>> bank = pymmae.Scenario({
@@ -68,13 +74,12 @@ def estimate(
     units = taken.units
     if np.ndim(y) == 3:
         with reporting(progress, "record") as tell:
-            raw = _core.estimate_many(taken._core, y, u, every or 0, threads, tell)
+            raw = _core.estimate_many(taken._core, y, u, t, every or 0, threads, tell)
         return _many(raw, units)
     if every:
         raise InputError("every: one record is reported at every step; select from it", "conflict")
     with reporting(progress, "sample") as tell:
-        raw = _core.estimate(taken._core, y, u, tell)
-    count = len(raw["x_hat"])
+        raw = _core.estimate(taken._core, y, u, t, tell)
     time, by_model = ("time",), ("time", "model")
     variables: Variables = {
         "p": (by_model, raw["p"], attrs(_ONE, "weight of the model")),
@@ -90,7 +95,7 @@ def estimate(
     coords = models(raw, units)
     coords |= channels("state", raw["states"], raw["x_hat"].shape[1], units)
     coords |= channels("output", raw["outputs"], raw["r"].shape[2], units)
-    coords["time"] = ("time", np.arange(1, count + 1) * raw["dt"], attrs("s", "time"))
+    coords["time"] = ("time", raw["t"], attrs("s", "time"))
     facts = {"title": taken.title, "law": raw["law"], "nis_band": list(raw["nis_band"])}
     return dataset(variables, coords, facts)
 
@@ -122,7 +127,7 @@ def _many(raw: dict[str, Any], units: Mapping[str, str]) -> xr.Dataset:
     _theta_hat(variables, raw, lead)
     coords = models(raw, units)
     coords |= channels("state", raw["states"], raw["x_hat"].shape[2], units)
-    coords["time"] = ("time", raw["steps"] * raw["dt"], attrs("s", "time"))
+    coords["time"] = ("time", raw["t"], attrs("s", "time"))
     return dataset(variables, coords, {"law": raw["law"]})
 
 

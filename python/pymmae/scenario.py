@@ -209,9 +209,7 @@ class Scenario:
         return (_restored, (self._text, self._name, self._family, self._units))
 
 
-def _restored(
-    text: str, name: str, family: Family | None, units: dict[str, str]
-) -> Scenario:
+def _restored(text: str, name: str, family: Family | None, units: dict[str, str]) -> Scenario:
     self = Scenario.__new__(Scenario)
     self._build(text, name, family, units, quiet=True)
     return self

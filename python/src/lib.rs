@@ -1,12 +1,16 @@
 //! The extension module `pymmae._core`: numbers in, numbers out. Names, labels and
 //! documentation are in the Python files beside it.
 
+mod adaptive;
 mod arrays;
 mod eip;
 mod errors;
 mod estimate;
+mod grid;
 mod guard;
+mod observer;
 mod pack;
+mod record;
 mod scenario;
 mod solvers;
 mod sweep;
@@ -18,6 +22,8 @@ use pyo3::prelude::*;
 /// The engine behind `pymmae`.
 #[pymodule]
 mod _core {
+    #[pymodule_export]
+    use super::adaptive::{adaptive_records, adaptive_trials};
     #[pymodule_export]
     use super::eip::{eip, place};
     #[pymodule_export]

@@ -35,6 +35,38 @@ SMALL = {
     "run": {"steps": 8, "trials": 2},
 }
 
+#: x' = a x + b u, a = -1, b = 2: the smallest adaptive observer of two parameters.
+MOTOR = {
+    "adaptive": {
+        "dt": 0.02,
+        "inputs": ["u"],
+        "outputs": ["y"],
+        "observers": {
+            "motor": {
+                "states": ["x"],
+                "A": 0,
+                "C": 1,
+                "K": 2,
+                "P0": 1e6,
+                "window": 1,
+                "theta": {
+                    "a": {"entry": ["x", "x"], "truth": "a"},
+                    "b": {"column": "u", "truth": "b"},
+                },
+            }
+        },
+        "truth": {
+            "states": ["x"],
+            "derivative": "a*x + b*u",
+            "output": "x",
+            "parameters": {"a": -1, "b": 2},
+            "noise": {"y": 0.01},
+        },
+    },
+    "signals": {"inputs": {"u": {"wave": "sine", "amplitude": 1, "omega": 2}}},
+    "run": {"steps": 300, "every": 50, "trials": 3, "seed": 7},
+}
+
 
 @pytest.fixture
 def command() -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pymmae
 import pytest
-from conftest import EXAMPLES, SMALL
+from conftest import EXAMPLES, MOTOR, SMALL
 
 HERE = Path(__file__).parent
 PAGES = sorted((HERE.parent / "examples").glob("*.py"))
@@ -42,7 +42,7 @@ def test_a_page_runs(page, tmp_path, monkeypatch):
 
 
 def test_there_is_a_page_a_paper():
-    assert [p.stem for p in PAGES] == ["bicycle", "oscillator", "pendulum", "tracker"]
+    assert [p.stem for p in PAGES] == ["adaptive", "bicycle", "oscillator", "pendulum", "tracker"]
 
 
 def test_types():
@@ -62,6 +62,10 @@ def test_figures():
         lambda: plot.weights(pymmae.monte_carlo(SMALL, every=1)),
         lambda: plot.errors(pymmae.monte_carlo(SMALL, every=1)),
         lambda: plot.states(pymmae.run(SMALL)),
+        lambda: plot.parameters(pymmae.adaptive(MOTOR)),
+        lambda: plot.parameters(pymmae.adaptive(MOTOR, trials=1, forgetting=[0.1, 0.2])),
+        lambda: plot.states(pymmae.adaptive(MOTOR)),
+        lambda: plot.states(pymmae.adaptive(MOTOR, [[0.0], [0.1]], [[0.0], [1.0]])),
     ):
         call()
         plt.close("all")

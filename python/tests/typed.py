@@ -34,6 +34,14 @@ def trials() -> float:
     return float(summary.p[-1, 0]) + float(course.p[-1, 0])
 
 
+def observer() -> float:
+    found: xr.Dataset = pymmae.adaptive(scenario, trials=3, truth={"a": 1.0}, progress=True)
+    grid = pymmae.adaptive("motor.toml", A, [[0.0]], K=A[:, None], forgetting=[0.1, 0.2], t=A[0])
+    uneven: xr.Dataset = pymmae.estimate(scenario, A, t=np.arange(2))
+    assert uneven.sizes["time"] == 2 and grid.sizes["item"] == 2
+    return float(found.theta_hat[0, -1, 0])
+
+
 try:
     study()
 except pymmae.ScenarioError as error:

@@ -16,7 +16,7 @@ import time
 import numpy as np
 import pymmae
 import pytest
-from conftest import SMALL
+from conftest import MOTOR, SMALL
 from pymmae import _core
 
 
@@ -205,7 +205,7 @@ def quiet(call):
         pass
 
 
-SCENARIO = pymmae.Scenario(SMALL)
+SCENARIO, OBSERVER = pymmae.Scenario(SMALL), pymmae.Scenario(MOTOR)
 Y = np.zeros((8, 1))
 REPEATED = {
     "care": (10_000, lambda: pymmae.care(-EYE, EYE, EYE, EYE)),
@@ -221,15 +221,27 @@ REPEATED = {
         10_000,
         lambda: quiet(lambda: _core.place(SCENARIO._core, 0, None, None, None, 1)),
     ),
-    "estimate": (10_000, lambda: _core.estimate(SCENARIO._core, Y, None, None)),
+    "estimate": (10_000, lambda: _core.estimate(SCENARIO._core, Y, None, None, None)),
     "trials": (
         10_000,
         lambda: _core.trials(SCENARIO._core, [], None, None, None, 1, 1, None),
     ),
     "scenario": (10_000, lambda: _core.Scenario("s", SCENARIO.text)),
-    "eip labelled": (200, lambda: pymmae.eip(SCENARIO)),
-    "monte_carlo labelled": (200, lambda: pymmae.monte_carlo(SCENARIO)),
+    "adaptive": (
+        3000,
+        lambda: _core.adaptive_records(OBSERVER._core, None, {}, Y, Y, None, 1, 0.02, 1, None),
+    ),
 }
+#: Calls that make datasets. Most of their time is xarray's, a few milliseconds each.
+LABELLED = {
+    "eip": lambda: pymmae.eip(SCENARIO),
+    "run": lambda: pymmae.run(SCENARIO),
+    "monte_carlo": lambda: pymmae.monte_carlo(SCENARIO),
+    "estimate": lambda: pymmae.estimate(SCENARIO, Y),
+    "adaptive": lambda: pymmae.adaptive(OBSERVER, Y, Y),
+}
+#: Calls of each; ``MMAE_LABELLED_CALLS=10000`` takes minutes.
+CALLS = int(os.environ.get("MMAE_LABELLED_CALLS", "500"))
 
 
 def resident() -> int:
@@ -254,3 +266,18 @@ def test_memory_stays_flat(name):
     assert resident() - before <= 5 << 20
     after = [sys.getrefcount(x) for x in (EYE, BAD, Y)]
     assert after == counts[:3]
+
+
+@pytest.mark.parametrize("name", LABELLED)
+def test_memory_of_datasets_stays_flat(name):
+    """Resident memory, and the interpreter's own count of blocks: less than one a call."""
+    call = LABELLED[name]
+    for _ in range(200):
+        call()
+    gc.collect()
+    before, blocks = resident(), sys.getallocatedblocks()
+    for _ in range(CALLS):
+        call()
+    gc.collect()
+    assert resident() - before <= 5 << 20
+    assert sys.getallocatedblocks() - blocks < CALLS

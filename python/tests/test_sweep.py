@@ -110,25 +110,42 @@ def test_workers_give_the_same_bytes(digest, cluster, workers, tmp_path):
     assert done.cpu_tiers == (pymmae.CPU_TIER,)
 
 
-def test_workers_that_are_killed(digest, cluster, tmp_path):
-    """Time and again one dies that is at work; another takes over."""
+def test_a_worker_is_killed_every_two_seconds(digest, cluster, tmp_path):
+    """For twenty seconds one dies that is at work, and another takes over."""
     local, client = cluster
     local.scale(2)
     client.wait_for_workers(2, timeout=60)
-    killed = []
+    flag = tmp_path / "flag"
+    flag.touch()
+    killed: list[int] = []
 
-    def kill(done, total):
-        if done % 15 or len(killed) >= 4:
-            return
+    def victim() -> int | None:
         for nanny in list(local.workers.values()):
             # one that is starting is not started again by Dask
             if nanny.status.name == "running" and nanny.process and nanny.process.pid:
-                killed.append(nanny.process.pid)
-                os.kill(killed[-1], signal.SIGKILL)
-                return
+                if nanny.process.pid not in killed:
+                    return int(nanny.process.pid)
+        return None
 
-    done = pymmae.sweep(STUDY, tmp_path / "out", client, block=BLOCK, shards=100, progress=kill)
-    assert done.sha256 == digest and not done.failed and killed
+    def kill() -> None:
+        for tick in range(1, 11):
+            time.sleep(max(0.0, began + 2 * tick - time.monotonic()))
+            while (pid := victim()) is None and time.monotonic() < began + 20:
+                time.sleep(0.05)
+            if pid is not None:
+                killed.append(pid)
+                os.kill(pid, signal.SIGKILL)
+        flag.unlink()
+
+    began = time.monotonic()
+    killer = threading.Thread(target=kill)
+    killer.start()
+    # 100 tasks of 0.4 s on two workers: the last is not done before the last is killed
+    slow = dict.fromkeys(range(1, 101), f"slow {flag}")
+    done = pymmae.sweep(STUDY, tmp_path / "out", client, block=BLOCK, shards=100, _faults=slow)
+    killer.join()
+    assert done.seconds > 20 and len(killed) >= 8
+    assert done.sha256 == digest and not done.failed and done.tasks == 100
 
 
 def test_poison_is_left_out_and_named(digest, tmp_path):

@@ -165,7 +165,8 @@ def states(course: xr.Dataset, axes: Any = None) -> Any:
 
 def _panels(axes: Any, count: int) -> Any:
     """One axes a row, with a common time."""
-    return np.ravel(_axes(axes, count, sharex=True, squeeze=False))
+    size = (7.0, max(4.0, 1.0 + 1.6 * count))
+    return np.ravel(_axes(axes, count, sharex=True, squeeze=False, figsize=size))
 
 
 def parameters(course: xr.Dataset, axes: Any = None) -> Any:
@@ -237,8 +238,8 @@ def _estimate(ax: Any, time: Any, hat: xr.DataArray, std: xr.DataArray, truth: A
         room = 0.6 * max(high - low, 1e-12 * abs(high), 1e-300)
         bands = [(a.clip(low - room, high + room), b.clip(low - room, high + room), text)
                  for a, b, text in bands]  # fmt: skip
-    for lower, upper, text in bands:
-        ax.fill_between(time, lower, upper, color=_colour(0), alpha=0.15, lw=0, label=text)
+    for (lower, upper, text), alpha in zip(bands, (0.12, 0.25)):
+        ax.fill_between(time, lower, upper, color=_colour(0), alpha=alpha, lw=0, label=text)
     if truth is not None:
         ax.plot(time, truth, color="0.6", lw=2, label="plant")
     ax.plot(time, middle, color=_colour(0), label=label)
@@ -246,5 +247,10 @@ def _estimate(ax: Any, time: Any, hat: xr.DataArray, std: xr.DataArray, truth: A
 
 def _finish(axes: Any, course: xr.Dataset) -> None:
     axes[0].set_title(course.attrs.get("title") or "Adaptive observer")
-    axes[0].legend(fontsize="small", framealpha=0.85, edgecolor="none")
     axes[-1].set_xlabel("time (s)")
+    # below the name of the axis, where it hides nothing
+    handles = {text: handle for ax in axes for handle, text in zip(*ax.get_legend_handles_labels())}
+    key = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "borderaxespad": 4.0}
+    axes[-1].legend(
+        list(handles.values()), list(handles), ncols=4, fontsize="small", frameon=False, **key
+    )

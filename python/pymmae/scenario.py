@@ -182,6 +182,11 @@ class Scenario:
         """Nominal values of the parameters, a copy."""
         return dict(self._about["parameters"])
 
+    @property
+    def observers(self) -> tuple[str, ...]:
+        """Names of the adaptive observers, see :func:`pymmae.adaptive`."""
+        return tuple(self._about["observers"])
+
     def plant(self, **values: float) -> dict[str, NDArray[np.float64]]:
         """``A, B, G, C, Q, R`` at the given parameter values, nominal ones elsewhere.
 

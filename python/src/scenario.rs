@@ -56,6 +56,9 @@ impl Scenario {
         let nominal: Vec<(&str, f64)> =
             family.parameters().iter().map(|p| (p.name.as_str(), p.nominal)).collect();
         pack.set("parameters", nominal)?;
+        let observers: Vec<String> =
+            self.inner.adaptive_observers().into_iter().map(|o| o.name).collect();
+        pack.set("observers", observers)?;
         let warnings = self.inner.warnings().iter().map(|w| errors::diagnostic(py, w));
         pack.set("warnings", warnings.collect::<PyResult<Vec<_>>>()?)?;
         pack.set("has_study", self.inner.has_study())?;

@@ -246,6 +246,7 @@ def test_an_observer_that_cannot_be_used_says_why():
         pymmae.adaptive(VEHICLE, observer="as_posed")
     assert caught.value.code == "not_identifiable"
     assert caught.value.diagnostics[0]["key"] == "adaptive.observers.as_posed.theta"
+    assert pymmae.Scenario.load(VEHICLE).observers == ("canonical", "as_posed")
     # one that is passed over is told
     tables = pymmae.Scenario.load(VEHICLE).tables
     observers = tables["adaptive"]["observers"]

@@ -62,8 +62,8 @@ pub struct Records<'a> {
 /// # Errors
 /// `Shape`; `Empty` without samples; `NonFinite` for an infinite output or an input that
 /// is no number; `Range` for reports that do not rise or are past the end; `Limit` for
-/// courses of more than a gigabyte; as [`Adaptive::new`], where no tuning can be used;
-/// `Cancelled`.
+/// courses of more than a gigabyte; as [`Adaptive::new`](super::Adaptive::new) where no
+/// tuning can be used; `Cancelled`.
 pub fn run_records(
     structure: &Structure,
     settings: &Settings,

@@ -96,6 +96,29 @@ impl Estimator {
 /// ```text
 /// x' = A x + ..  over each interval:   x <- e^{A s} x,   P <- e^{A s} P e^{A' s} + Q(s)
 /// ```
+///
+/// ```
+/// use mmae::scenario::{Scenario, Since, Uneven};
+/// # let text = "format = 1\n[plant]\ntime = 'continuous'\nstates = ['x']\ndisturbances = ['w']\n\
+/// #     outputs = ['y']\nA = '-a'\nG = 1\nC = 1\nQ = 2\nR = 0.05\n[plant.parameters]\na = 0.1\n\
+/// #     [bank]\nobserver = 'kalman'\ndt = 0.5\nP0 = 1\nmodels = { a = [0.1, 0.7] }\n";
+/// // two models of a walk, measured every 0.5 s or when it happens to be
+/// let estimator = Scenario::parse("walk.toml", text)?.estimator()?;
+/// let run = |intervals: &[Since]| -> mmae::Result<f64> {
+///     let mut mmae = estimator.start()?;
+///     let mut uneven = Uneven::new(&estimator, &mmae);
+///     for (since, y) in intervals.iter().zip([0.3, 0.9]) {
+///         uneven.reach(&mut mmae, *since, &[])?;
+///         mmae.step(&[], &[y])?;
+///     }
+///     Ok(mmae.estimate().log_lik_models[1])
+/// };
+/// // a second in one, or as two steps of which the first is not measured
+/// let one = run(&[Since::Steps(1), Since::Seconds(1.0)])?;
+/// let two = run(&[Since::Steps(1), Since::Steps(2)])?;
+/// assert!((one - two).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Uneven<'e> {
     estimator: &'e Estimator,

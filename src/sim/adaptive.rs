@@ -202,7 +202,7 @@ impl AdaptiveTrials {
     pub fn run(&self, control: &RunControl<'_>) -> Result<AdaptiveSummary> {
         self.check()?;
         let samples = usize::try_from(self.samples).unwrap_or(usize::MAX);
-        let path = self.truth.path(&self.x0, &self.inputs, self.settings.dt, samples)?;
+        let path = self.truth.path(&self.x0, &self.inputs, self.settings.dt, samples, control)?;
         let tested = Settings { rank_test: false, ..self.settings.clone() };
         let eight =
             Adaptive::new(self.structure.clone(), tested, vec![self.tuning.clone(); LANES])?;
@@ -233,7 +233,7 @@ impl AdaptiveTrials {
         self.check_plant()?;
         let samples = usize::try_from(self.samples).unwrap_or(usize::MAX);
         let reports: Vec<usize> = (0..samples).filter(|k| self.reported(*k as u64)).collect();
-        let path = self.truth.path(&self.x0, &self.inputs, self.settings.dt, samples)?;
+        let path = self.truth.path(&self.x0, &self.inputs, self.settings.dt, samples, control)?;
         let plan = Plan {
             structure: &self.structure,
             settings: &self.settings,

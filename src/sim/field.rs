@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use super::signal::{Signal, Wave};
 use crate::error::{Error, Result};
+use crate::par::RunControl;
 
 /// A function of time, inputs and state that writes a vector.
 pub type FieldFn = Arc<dyn Fn(f64, &[f64], &[f64], &mut [f64]) + Send + Sync>;
@@ -63,6 +64,7 @@ impl Field {
     ///
     /// ```
     /// use std::sync::Arc;
+    /// use mmae::par::RunControl;
     /// use mmae::sim::{Field, Signal};
     /// let field = Field {
     ///     states: 1,
@@ -70,15 +72,23 @@ impl Field {
     ///     derivative: Arc::new(|_, u, x, out| out[0] = u[0] - x[0]),
     ///     output: Arc::new(|_, _, x, out| out[0] = x[0]),
     /// };
-    /// let path = field.path(&[0.0], &[Signal::constant(1.0)], 0.1, 11)?;
+    /// let control = RunControl::default();
+    /// let path = field.path(&[0.0], &[Signal::constant(1.0)], 0.1, 11, &control)?;
     /// assert!((path.y[10] - (1.0 - (-1.0_f64).exp())).abs() < 1e-11 && path.error < 1e-11);
     /// # Ok::<(), mmae::Error>(())
     /// ```
     ///
     /// # Errors
     /// `Shape` for another number of states; what [`Signal::check`] finds; `Conflict` for
-    /// an input of white noise; `Range` if the plant runs away.
-    pub fn path(&self, x0: &[f64], inputs: &[Signal], dt: f64, samples: usize) -> Result<Path> {
+    /// an input of white noise; `Range` if the plant runs away; `Cancelled`.
+    pub fn path(
+        &self,
+        x0: &[f64],
+        inputs: &[Signal],
+        dt: f64,
+        samples: usize,
+        control: &RunControl<'_>,
+    ) -> Result<Path> {
         if x0.len() != self.states {
             let (want, got) = ([self.states, 1], [x0.len(), 1]);
             return Err(Error::Shape { what: "x(0)".into(), want, got });
@@ -100,10 +110,10 @@ impl Field {
             }
         }
         let mut parts = 1;
-        let mut path = self.walk(x0, inputs, dt, samples, parts)?;
+        let mut path = self.walk(x0, inputs, dt, samples, parts, control)?;
         while parts < MOST {
             parts *= 2;
-            let finer = self.walk(x0, inputs, dt, samples, parts)?;
+            let finer = self.walk(x0, inputs, dt, samples, parts, control)?;
             let mut change = 0.0_f64;
             for i in 0..self.states {
                 let (mut size, mut moved) = (f64::MIN_POSITIVE, 0.0_f64);
@@ -129,6 +139,7 @@ impl Field {
         dt: f64,
         samples: usize,
         parts: u32,
+        control: &RunControl<'_>,
     ) -> Result<Path> {
         let n = self.states;
         let mut path =
@@ -141,6 +152,9 @@ impl Field {
             u.iter_mut().zip(inputs).for_each(|(u, signal)| *u = signal.at(t));
         };
         for k in 0..samples {
+            if control.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
             if k > 0 {
                 let h = dt / f64::from(parts);
                 for part in 0..parts {

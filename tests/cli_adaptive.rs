@@ -5,6 +5,9 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
+use mmae::adaptive::Tuning;
+use mmae::par::RunControl;
+use mmae::scenario::Scenario;
 use serde_json::Value;
 
 fn mmae(args: &[&str]) -> Output {
@@ -130,6 +133,36 @@ fn trials_do_not_depend_on_threads() {
     assert!(numbers(&got["observers"][0]["theta_spread"]).iter().all(|s| *s > 0.0));
     let quantiles = &got["observers"][0]["record"][1]["theta_quantiles"][0];
     assert!(numbers(quantiles).windows(2).all(|w| w[0] <= w[1]));
+}
+
+/// Courses of every trial have the noise and the bits of the run, whatever is run beside.
+#[test]
+fn courses_of_trials_are_those_of_the_run() {
+    let noisy = fs::read_to_string(example("adaptive_nonlinear")).unwrap();
+    let noisy = noisy.replace("x0 = [0, 0]", "x0 = [0, 0]\nnoise = { y = 0.001 }");
+    let noisy = noisy.replace("duration = 120", "duration = 20\ntrials = 11");
+    let scenario = Scenario::parse("noisy.toml", &noisy).unwrap();
+    let trials = &scenario.adaptive_cases(&[]).unwrap()[0].trials[0];
+    let control = RunControl::default().threads(2);
+    let run = trials.run(&control).unwrap();
+    let own = trials.tuning.clone();
+    let other = Tuning { lambda: 0.5, ..own.clone() };
+    let all = trials.courses(&[other, own], 0.02, &control).unwrap();
+    let (reports, p, n) = (all.t.len(), 4, 2);
+    assert_eq!(reports, run.record.len());
+    for (r, moment) in run.record.iter().enumerate() {
+        assert_eq!(all.t[r], moment.t);
+        // of the second tuning, trial by trial
+        let row = |trial: usize| (11 + trial) * reports + r;
+        for i in 0..p {
+            let sum: f64 = (0..11).map(|j| all.courses.theta[row(j) * p + i]).sum();
+            assert_eq!(sum / 11.0, moment.mean[i]);
+        }
+        let first = &run.course[r];
+        assert_eq!(all.courses.x_hat[row(0) * n..][..n], first.estimate.x_hat[..]);
+        assert_eq!(all.courses.y[r..][..1], first.y[..]);
+        assert_eq!(all.x[r * n..][..n], first.x[..]);
+    }
 }
 
 #[test]

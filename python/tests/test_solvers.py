@@ -9,7 +9,7 @@ import pymmae
 import pytest
 import scipy.linalg as sl
 from conftest import spd, stable
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -24,11 +24,15 @@ def care_problem(seed: int, len_: int, n: int, m: int):
 
 @FEW
 @given(SEEDS, st.integers(1, 9), st.integers(1, 5), st.integers(1, 3))
+@example(2278, 4, 5, 1)
 def test_care_agrees_with_scipy(seed, len_, n, m):
     a, b, q, r = care_problem(seed, len_, n, m)
     got = pymmae.care(a, b, q, r)
     assert got.X.shape == (len_, n, n) and not got.failed.any()
-    assert (got.error_bound < 1e-8).all() and (got.residual < 1e-12).all()
+    # X rounded to the last bit has a residual that grows with the condition: in the example
+    # 1.9e-11 where X is right to 1e-16
+    assert (got.error_bound < 1e-8).all()
+    assert (got.residual < 1e-12 * (1 + got.condition)).all()
     for k in range(len_):
         want = sl.solve_continuous_are(a[k], b[k], q[k], r[k])
         assert np.linalg.norm(got.X[k] - want) <= 1e-6 * np.linalg.norm(want)

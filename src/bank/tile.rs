@@ -15,7 +15,7 @@ use super::schedule::Schedule;
 use super::states::{Repeat, correct, innovate, propagate, whiten};
 use crate::real::{LaneKernel, Real};
 
-/// Steps of [`Tile::steps`]; run by `T::outline`.
+/// Some steps; run by `T::outline`.
 pub(crate) struct Tile<'a, T, const V: usize> {
     /// With numbers that are fixed, see [`Schedule::of_all`].
     pub(crate) schedule: &'a Schedule,
@@ -58,6 +58,25 @@ impl<T: Real, const V: usize> LaneKernel<T> for Tile<'_, T, V> {
 impl<T: Real, const V: usize> Tile<'_, T, V> {
     #[inline(always)]
     fn sized<const N: usize, const Q: usize, const AC: usize, const KW: usize>(self) {
+        // two branches that never go the other way cost a tenth of a small step
+        if self.u.is_empty() && self.nis.is_empty() {
+            self.steps::<N, Q, AC, KW, true>();
+        } else {
+            self.steps::<N, Q, AC, KW, false>();
+        }
+    }
+
+    /// `PLAIN` without commands, and if nobody asks for the last `|W r|^2`.
+    #[inline(always)]
+    fn steps<
+        const N: usize,
+        const Q: usize,
+        const AC: usize,
+        const KW: usize,
+        const PLAIN: bool,
+    >(
+        self,
+    ) {
         let steps = self.y.as_chunks::<V>().0.as_chunks::<Q>().0;
         let commands = self.u.as_chunks::<V>().0;
         let m = commands.len() / steps.len().max(1);
@@ -70,12 +89,16 @@ impl<T: Real, const V: usize> Tile<'_, T, V> {
             let Some([fixed, moving]) = self.schedule.of_all(place) else {
                 return;
             };
-            let u = &commands[s * m..][..m];
+            let u = if PLAIN { &[] } else { &commands[s * m..][..m] };
             let own = moving.as_chunks::<KW>().0;
             // one check for all models
             let count = totals.len().min(states.len()).min(own.len());
             for i in 0..count {
-                let filter = SizedFilter::<AC, KW>::of(&fixed[i * each..], &own[i], N * m);
+                let filter = SizedFilter::<AC, KW>::of(
+                    &fixed[i * each..],
+                    &own[i],
+                    if PLAIN { 0 } else { N * m },
+                );
                 // in registers
                 let mut x = states[i];
                 let square = filter_step(filter, u, y, &mut x);
@@ -85,7 +108,7 @@ impl<T: Real, const V: usize> Tile<'_, T, V> {
                     let more = T::splat(0.5).neg_mul_add(square[v], log_norm);
                     totals[i][v] = totals[i][v] + more;
                 }
-                if i < squares.len() {
+                if !PLAIN && i < squares.len() {
                     squares[i] = square;
                 }
             }

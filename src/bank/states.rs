@@ -5,15 +5,31 @@
 //! operations is the same, and so are the bits.
 
 use crate::real::Real;
-use crate::simd::Block;
+use crate::simd::{Block, Rows, Walk};
 
 /// Coefficients of a model, entry by entry in row order.
 pub(crate) trait Source<T: Real>: Copy {
     /// Entry `e`.
     fn at(self, e: usize) -> T;
 
-    /// `len` entries from `first` on.
-    fn part(self, first: usize, len: usize) -> Self;
+    /// `sum[r] += A(i + r, :) x`, or `-=`, entry after entry of a row; the rows are summed
+    /// side by side, as a sum waits for itself at every entry.
+    #[inline(always)]
+    fn rows<const R: usize, const MINUS: bool>(self, i: usize, x: &[T], sum: &mut [T; R]) {
+        let n = x.len();
+        let mut sums = *sum;
+        for j in 0..n {
+            for r in 0..R {
+                let entry = self.at((i + r) * n + j);
+                sums[r] = if MINUS {
+                    entry.neg_mul_add(x[j], sums[r])
+                } else {
+                    entry.mul_add(x[j], sums[r])
+                };
+            }
+        }
+        *sum = sums;
+    }
 }
 
 /// Eight models, one a lane.
@@ -28,11 +44,6 @@ impl<T: Real> Source<T> for Each<'_> {
     fn at(self, e: usize) -> T {
         T::load(&self.blocks[e].0[self.group * T::LANES..])
     }
-
-    #[inline(always)]
-    fn part(self, first: usize, len: usize) -> Self {
-        Each { blocks: &self.blocks[first..][..len], group: self.group }
-    }
 }
 
 /// One model in every lane.
@@ -46,46 +57,41 @@ impl<T: Real> Source<T> for Repeat<'_> {
     }
 
     #[inline(always)]
-    fn part(self, first: usize, len: usize) -> Self {
-        Repeat(&self.0[first..][..len])
-    }
-}
-
-/// Rows that are summed side by side: a sum waits for itself at every entry.
-const SIDE: usize = 4;
-
-/// `sum[r] += sign A(i + r, :) x`, entry after entry of a row.
-#[inline(always)]
-fn rows<T: Real, S: Source<T>, const R: usize, const MINUS: bool>(
-    a: S,
-    i: usize,
-    x: &[T],
-    sum: &mut [T; R],
-) {
-    let n = x.len();
-    let mut row = [a; R];
-    for r in 0..R {
-        row[r] = a.part((i + r) * n, n);
-    }
-    for j in 0..n {
-        for r in 0..R {
-            let entry = row[r].at(j);
-            sum[r] =
-                if MINUS { entry.neg_mul_add(x[j], sum[r]) } else { entry.mul_add(x[j], sum[r]) };
+    fn rows<const R: usize, const MINUS: bool>(self, i: usize, x: &[T], sum: &mut [T; R]) {
+        let (a, b) = (Rows { data: self.0, stride: x.len() }, Rows { data: x, stride: 1 });
+        let mut walk = Walk::<f64, T, R, 1>::new::<false, false, false>(a, b, (i, 0), (0, x.len()));
+        let (mut entry, mut of_x) = ([0.0; R], [T::zero()]);
+        // in registers: behind the reference they would be written at every entry
+        let mut sums = *sum;
+        while walk.step(&mut entry, &mut of_x) {
+            for r in 0..R {
+                let entry = T::splat(entry[r]);
+                sums[r] = if MINUS {
+                    entry.neg_mul_add(of_x[0], sums[r])
+                } else {
+                    entry.mul_add(of_x[0], sums[r])
+                };
+            }
         }
+        *sum = sums;
     }
 }
 
-/// `sum += A x`, or `sum -= A x`.
+/// `sum += A x`, or `sum -= A x`, four rows side by side.
 #[inline(always)]
 pub(crate) fn add_product<T: Real, const MINUS: bool>(a: impl Source<T>, x: &[T], sum: &mut [T]) {
-    let (several, single) = sum.as_chunks_mut::<SIDE>();
-    for (k, sum) in several.iter_mut().enumerate() {
-        rows::<T, _, SIDE, MINUS>(a, k * SIDE, x, sum);
+    let (fours, rest) = sum.as_chunks_mut::<4>();
+    for (k, sum) in fours.iter_mut().enumerate() {
+        a.rows::<4, MINUS>(4 * k, x, sum);
     }
-    let first = several.len() * SIDE;
-    for (k, sum) in single.as_chunks_mut::<1>().0.iter_mut().enumerate() {
-        rows::<T, _, 1, MINUS>(a, first + k, x, sum);
+    let first = 4 * fours.len();
+    let (pair, single) = rest.as_chunks_mut::<2>();
+    for sum in pair.iter_mut() {
+        a.rows::<2, MINUS>(first, x, sum);
+    }
+    let first = first + 2 * pair.len();
+    for sum in single.as_chunks_mut::<1>().0 {
+        a.rows::<1, MINUS>(first, x, sum);
     }
 }
 

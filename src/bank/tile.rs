@@ -135,32 +135,54 @@ impl<T: Real, const V: usize> Tile<'_, T, V> {
             for i in 0..self.total.len() / V {
                 let f = Filter::of(i, fixed, moving, [n, m, q]);
                 for v in 0..V {
+                    let square = if V == 1 {
+                        let (u, y) = (&self.u[s * inputs..][..inputs], &self.y[s * q..][..q]);
+                        let x = &mut self.x[i * n..][..n];
+                        step_of_any(f, self.still, u, y, x, next, r)
+                    } else {
+                        for j in 0..n {
+                            x[j] = self.x[(i * n + j) * V + v];
+                        }
+                        for p in 0..q {
+                            y[p] = self.y[(s * q + p) * V + v];
+                        }
+                        for j in 0..inputs {
+                            u[j] = self.u[(s * inputs + j) * V + v];
+                        }
+                        let square = step_of_any(f, self.still, u, y, x, next, r);
+                        for j in 0..n {
+                            self.x[(i * n + j) * V + v] = x[j];
+                        }
+                        square
+                    };
                     let at = i * V + v;
-                    for j in 0..n {
-                        x[j] = self.x[(i * n + j) * V + v];
-                    }
-                    for p in 0..q {
-                        y[p] = self.y[(s * q + p) * V + v];
-                    }
-                    for j in 0..inputs {
-                        u[j] = self.u[(s * inputs + j) * V + v];
-                    }
-                    if !self.still {
-                        propagate(Repeat(f.a), Repeat(f.b), &u[..inputs], x, next);
-                    }
-                    innovate(Repeat(f.c), x, y, r);
-                    let square = whiten(Repeat(f.w), r);
                     let more = T::splat(0.5).neg_mul_add(square, T::splat(f.log_norm));
                     self.total[at] = self.total[at] + more;
                     if at < self.nis.len() {
                         self.nis[at] = square;
                     }
-                    correct(Repeat(f.k), r, x);
-                    for j in 0..n {
-                        self.x[(i * n + j) * V + v] = x[j];
-                    }
                 }
             }
         }
     }
+}
+
+/// A step of one filter; `next` and `r` are scratch.
+#[inline(always)]
+fn step_of_any<T: Real>(
+    f: Filter<'_>,
+    still: bool,
+    u: &[T],
+    y: &[T],
+    x: &mut [T],
+    next: &mut [T],
+    r: &mut [T],
+) -> T {
+    if !still {
+        propagate(Repeat(f.a), Repeat(f.b), u, x, next);
+    }
+    innovate(Repeat(f.c), x, y, r);
+    let square = whiten(Repeat(f.w), r);
+    correct(Repeat(f.k), r, x);
+    square
 }

@@ -2,8 +2,6 @@
 
 use std::marker::PhantomData;
 
-use crate::real::Real;
-
 /// A row-major matrix of `stride` columns.
 #[derive(Clone, Copy)]
 pub(crate) struct Rows<'a, T> {
@@ -64,14 +62,14 @@ impl<T: Copy, const N: usize> Side<T, N> {
 }
 
 /// Steps through `A(i + r, p)`, `r < R`, and `B(p, j + s)`, `s < C`, for `p` in a range.
-pub(crate) struct Walk<'a, T, const R: usize, const C: usize> {
-    a: Side<T, R>,
-    b: Side<T, C>,
+pub(crate) struct Walk<'a, A, B, const R: usize, const C: usize> {
+    a: Side<A, R>,
+    b: Side<B, C>,
     left: usize,
-    alive: PhantomData<&'a [T]>,
+    alive: PhantomData<(&'a [A], &'a [B])>,
 }
 
-impl<'a, T: Real, const R: usize, const C: usize> Walk<'a, T, R, C> {
+impl<'a, A: Copy, B: Copy, const R: usize, const C: usize> Walk<'a, A, B, R, C> {
     /// From the first `p` to the last, or from the last to the first if `DOWN`.
     ///
     /// `A(i, p)` is `a[i][p]`, or `a[p][i]` when `TA`; `B(p, j)` is `b[p][j]`, or
@@ -79,8 +77,8 @@ impl<'a, T: Real, const R: usize, const C: usize> Walk<'a, T, R, C> {
     #[inline(always)]
     #[track_caller]
     pub(crate) fn new<const TA: bool, const TB: bool, const DOWN: bool>(
-        a: Rows<'a, T>,
-        b: Rows<'a, T>,
+        a: Rows<'a, A>,
+        b: Rows<'a, B>,
         (i, j): (usize, usize),
         range: (usize, usize),
     ) -> Self {
@@ -96,7 +94,7 @@ impl<'a, T: Real, const R: usize, const C: usize> Walk<'a, T, R, C> {
 
     /// The entries of the next `p`; false after the last.
     #[inline(always)]
-    pub(crate) fn step(&mut self, a: &mut [T; R], b: &mut [T; C]) -> bool {
+    pub(crate) fn step(&mut self, a: &mut [A; R], b: &mut [B; C]) -> bool {
         if self.left == 0 {
             return false;
         }

@@ -38,9 +38,9 @@ pub(super) fn accumulate<
     sum: &mut [[T; C]; R],
 ) {
     let mut walk = if CHAIN == chain::SUB_DOWN {
-        Walk::<T, R, C>::new::<TA, TB, true>(a, b, at, range)
+        Walk::<T, T, R, C>::new::<TA, TB, true>(a, b, at, range)
     } else {
-        Walk::<T, R, C>::new::<TA, TB, false>(a, b, at, range)
+        Walk::<T, T, R, C>::new::<TA, TB, false>(a, b, at, range)
     };
     let (mut ap, mut bp) = ([T::zero(); R], [T::zero(); C]);
     while walk.step(&mut ap, &mut bp) {

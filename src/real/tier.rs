@@ -10,7 +10,8 @@ pub enum Tier {
     /// Plain `f64`, one number at a time: the oracle of all others, compiled
     /// with the fused instruction (on x86-64 it needs AVX2 and FMA).
     Scalar,
-    /// Arrays of eight `f64` on whatever the target guarantees.
+    /// What the target guarantees: arrays of eight `f64`, or on x86-64, where each lane of
+    /// a fused multiply-add is a call, one number at a time.
     Baseline,
     /// A pair of 256-bit registers (AVX2 and FMA).
     Avx2,

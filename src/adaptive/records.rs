@@ -3,6 +3,7 @@
 use super::course::{Courses, Plan};
 use super::plant::{Settings, Structure, Tuning};
 use crate::error::{Error, Result};
+use crate::model::check_signals;
 use crate::par::RunControl;
 
 /// Recorded signals of one length, arrays in C order.
@@ -113,17 +114,6 @@ impl Records<'_> {
         if !(self.intervals.is_empty() || self.intervals.len() == self.samples) {
             return shape("intervals", [self.samples, 1], [self.intervals.len(), 1]);
         }
-        let place = |at: usize, width: usize, what: &str| {
-            let (row, col) = (at / width, at % width);
-            let (record, row) = (row / self.samples, row % self.samples);
-            Err(Error::NonFinite { what: format!("{what} of record {record}"), row, col })
-        };
-        if let Some(at) = self.y.iter().position(|v| v.is_infinite()) {
-            return place(at, q, "y");
-        }
-        if let Some(at) = self.u.iter().position(|v| !v.is_finite()) {
-            return place(at, m, "u");
-        }
-        Ok(())
+        check_signals(self.y, self.u, self.samples, [m, q])
     }
 }

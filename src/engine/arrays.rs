@@ -6,6 +6,7 @@ use super::lanes::Eight;
 use super::mmae::Mmae;
 use crate::bank::Schedule;
 use crate::error::{Error, Result};
+use crate::model::check_signals;
 use crate::par::{RunControl, map_parts};
 use crate::simd::{LANES, dispatch};
 
@@ -91,18 +92,7 @@ impl Arrays<'_> {
         if !(inputs == 0 || inputs == rows * m || inputs == self.steps * m) {
             return shape("u of the records", m, inputs);
         }
-        let place = |at: usize, width: usize, what: &str| {
-            let (row, col) = (at / width, at % width);
-            let (record, row) = (row / self.steps, row % self.steps);
-            Err(Error::NonFinite { what: format!("{what} of record {record}"), row, col })
-        };
-        if let Some(at) = self.y.iter().position(|v| v.is_infinite()) {
-            return place(at, q, "y");
-        }
-        if let Some(at) = self.u.iter().position(|v| !v.is_finite()) {
-            return place(at, m, "u");
-        }
-        Ok(())
+        check_signals(self.y, self.u, self.steps, [m, q])
     }
 }
 

@@ -39,6 +39,23 @@ pub fn check_finite(what: &str, m: MatRef<'_, f64>) -> Result<()> {
     Ok(())
 }
 
+/// Fails with `NonFinite` for an infinite output or an input that is no number; `y` and `u`
+/// hold rows of `q` outputs and `m` inputs, `steps` to a record.
+pub(crate) fn check_signals(y: &[f64], u: &[f64], steps: usize, [m, q]: [usize; 2]) -> Result<()> {
+    let place = |at: usize, width: usize, what: &str| {
+        let (row, col) = (at / width, at % width);
+        let (record, row) = (row / steps, row % steps);
+        Err(Error::NonFinite { what: format!("{what} of record {record}"), row, col })
+    };
+    if let Some(at) = y.iter().position(|v| v.is_infinite()) {
+        return place(at, q, "y");
+    }
+    if let Some(at) = u.iter().position(|v| !v.is_finite()) {
+        return place(at, m, "u");
+    }
+    Ok(())
+}
+
 /// Fails unless the finite square matrix `m` is symmetric (to 1e-12 of its
 /// largest entry) and positive semidefinite, or definite where `definite`.
 pub fn check_covariance(what: &str, m: MatRef<'_, f64>, definite: bool) -> Result<()> {

@@ -18,7 +18,7 @@ mod shaping;
 pub mod systems;
 mod unmodelled;
 
-pub(crate) use check::check_count;
+pub(crate) use check::{check_count, check_signals};
 pub use check::{check_covariance, check_finite, check_shape};
 pub(crate) use close::{Around, Closing, psd_factor};
 pub use discretize::{DelayLine, Sampled, pade_delay, sample, van_loan};

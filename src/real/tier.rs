@@ -10,8 +10,10 @@ pub enum Tier {
     /// Plain `f64`, one number at a time: the oracle of all others, compiled
     /// with the fused instruction (on x86-64 it needs AVX2 and FMA).
     Scalar,
-    /// What the target guarantees: arrays of eight `f64`, or on x86-64, where each lane of
-    /// a fused multiply-add is a call, one number at a time.
+    /// Whatever the target guarantees: arrays of eight `f64`. ([`dispatch`] takes one number
+    /// at a time instead on x86-64, where each lane of a fused multiply-add is a call.)
+    ///
+    /// [`dispatch`]: crate::simd::dispatch
     Baseline,
     /// A pair of 256-bit registers (AVX2 and FMA).
     Avx2,

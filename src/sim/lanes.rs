@@ -229,17 +229,15 @@ impl Eight<'_, '_> {
                 filters.log_lik = total;
             } else {
                 filters.step(k, moves, u, y);
-            }
-            if lazy {
-                for i in 0..models {
-                    if !tiles {
+                if lazy {
+                    for i in 0..models {
                         waiting[i] = waiting[i] + filters.log_lik[i];
                     }
                 }
-                if reports && !folds {
-                    shown.log_p_mut().copy_from_slice(weights.log_p());
-                    let _ = shown.step(&evidence(&waiting, &filters.energy, dt));
-                }
+            }
+            if lazy && reports && !folds {
+                shown.log_p_mut().copy_from_slice(weights.log_p());
+                let _ = shown.step(&evidence(&waiting, &filters.energy, dt));
             }
             if folds {
                 let log_lik = if lazy { &waiting } else { &filters.log_lik };

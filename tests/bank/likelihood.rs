@@ -60,6 +60,32 @@ fn they_are_those_of_the_engine() {
     }
 }
 
+/// Both routes above take several records and steps at a time; this one neither.
+#[test]
+fn they_are_those_of_steps() {
+    for n in 1..=9 {
+        for q in 1..=4 {
+            for gains in [GainMode::Steady, GainMode::Recursive] {
+                let (records, steps) = (9, 37);
+                let mut mmae = bank(n, q, 3, gains);
+                let mut state = 11;
+                let y: Vec<f64> =
+                    (0..records * steps * q).map(|_| 3.0 * uniform(&mut state)).collect();
+                let arrays = Arrays { records, steps, y: &y, ..Arrays::default() };
+                let got = mmae.log_likelihoods(&arrays, &RunControl::default()).unwrap();
+                for (record, got) in y.chunks(steps * q).zip(got.chunks(3)) {
+                    mmae.reset();
+                    for y in record.chunks(q) {
+                        mmae.step(&[], y).unwrap();
+                    }
+                    let want = &mmae.estimate().log_lik_models;
+                    assert_eq!(got, &want[..], "n = {n}, q = {q}, {gains:?}");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn wrong_sizes_are_refused() {
     let mmae = bank(2, 1, 2, GainMode::Steady);

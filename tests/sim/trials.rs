@@ -1,10 +1,12 @@
 //! The same bits for any number of threads and any company.
 
 use mmae::Mat;
-use mmae::engine::Mmae;
-use mmae::model::Plant;
+use mmae::bank::{Members, Settings};
+use mmae::engine::{Mixing, Mmae, Weighting};
+use mmae::model::{Plant, Time};
+use mmae::observer::ObserverKind;
 use mmae::par::RunControl;
-use mmae::sim::{MonteCarlo, Summary};
+use mmae::sim::{MonteCarlo, Summary, Truth};
 
 use crate::setup::case;
 
@@ -42,6 +44,57 @@ fn a_trial_is_the_same_in_any_company() {
     for i in 0..4 {
         let mean = whole.kept.iter().map(|t| t.log_p[n - 4 + i].exp()).sum::<f64>() / 45.0;
         assert!((mean - last.p[i]).abs() < 1e-14);
+    }
+}
+
+/// Trials in lanes take several steps at a time; those whose weights are re-seeded (here
+/// never) go through the engine one step after the other.
+#[test]
+fn trials_in_lanes_are_those_of_steps() {
+    let mut state = 3_u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963);
+        (state >> 11) as f64 * 2.0_f64.powi(-52) - 1.0
+    };
+    for n in 1..=8 {
+        for (q, inputs) in [(1, 0), (2, 0), (3, 1)] {
+            let mut plant = || Plant {
+                time: Time::Discrete { dt: 1.0 },
+                A: Mat::from_fn(n, n, |_, _| uniform() / (1.2 * (n as f64).sqrt())),
+                B: Mat::from_fn(n, inputs, |_, _| uniform()),
+                G: Mat::identity(n, n),
+                C: Mat::from_fn(q, n, |_, _| uniform()),
+                Q: Mat::identity(n, n),
+                R: Mat::identity(q, q),
+            };
+            let plants = vec![plant(), plant(), plant()];
+            let lanes = MonteCarlo {
+                truth: Truth::new(plants[1].clone()),
+                members: Members::new(ObserverKind::Kalman, plants),
+                settings: Settings::default(),
+                prior: vec![1.0; 3],
+                values: Vec::new(),
+                steps: 45,
+                trials: 11,
+                every: 7,
+                keep: (0..11).collect(),
+                ..case(1)
+            };
+            let mixing = Mixing::Reseed { threshold: f64::MIN_POSITIVE };
+            let weighting = Weighting { mixing, ..lanes.weighting.clone() };
+            let (got, want) = (run(&lanes, 1), run(&MonteCarlo { weighting, ..lanes }, 1));
+            for (got, want) in got.kept.iter().zip(&want.kept) {
+                assert_eq!((&got.x, &got.y), (&want.x, &want.y), "n = {n}, q = {q}");
+                for (a, b) in got.x_hat.iter().zip(&want.x_hat) {
+                    assert!((a - b).abs() < 1e-12 * (1.0 + b.abs()), "n = {n}, q = {q}: {a} {b}");
+                }
+            }
+            for (got, want) in got.record.iter().zip(&want.record) {
+                for (a, b) in got.nis.iter().zip(&want.nis) {
+                    assert!((a - b).abs() < 1e-12 * b.abs(), "n = {n}, q = {q}: {a} {b}");
+                }
+            }
+        }
     }
 }
 

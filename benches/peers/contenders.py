@@ -81,16 +81,17 @@ def eip_scipy():
     return summary(upsilon)
 
 
-def eip_numpy():
-    """The same by eigenvectors, all plants at once: no Lyapunov equation per pair."""
-    models = [observer(length) for length in NOMINALS]
-    loops = [closed_loop(length) for length in LENGTHS]
+def eip_numpy(lengths=LENGTHS, nominals=NOMINALS, spacing=1):
+    """The same by eigenvectors, all plants at once: no Lyapunov equation per pair. The
+    mean is that of every `spacing`-th plant."""
+    models = [observer(length) for length in nominals]
+    loops = [closed_loop(length) for length in lengths]
     loop, noise = (np.array([p[j] for p in loops]) for j in (0, 1))
     lam, v = np.linalg.eig(loop)
     vi = np.linalg.inv(v)
     bb = vi @ (noise @ noise.transpose(0, 2, 1)) @ vi.transpose(0, 2, 1)
     x = (v @ (-bb / (lam[:, :, None] + lam[:, None, :])) @ v.transpose(0, 2, 1)).real
-    upsilon = np.empty((len(LENGTHS), len(models)))
+    upsilon = np.empty((len(lengths), len(models)))
     for i, (a, bu, h, f) in enumerate(models):
         z = sl.solve_continuous_lyapunov(f.T, -C_ROWS.T @ WEIGHT @ C_ROWS)
         drift = E_ROWS @ loop - a @ E_ROWS - bu @ C_U
@@ -102,7 +103,11 @@ def eip_numpy():
         own = np.einsum("ij,kil,kjl->k", z, low, low)
         cross = 2.0 * np.einsum("ij,kjl,kli->k", z, drift, x12)
         upsilon[:, i] = 0.5 * (own + cross)
-    return summary(upsilon)
+    return upsilon.size, summary(upsilon[::spacing])[1]
+
+
+def eip_numpy_256():
+    return eip_numpy(np.linspace(0.9, 1.9, 4001), np.linspace(0.9, 1.9, 256), 100)
 
 
 def summary(upsilon):
@@ -113,6 +118,8 @@ def contenders(case):
     """Name and function of everyone who takes part in `case`."""
     if case == "eip_pendulum":
         return {"SciPy, Lyapunov per pair": eip_scipy, "NumPy, eigenvectors": eip_numpy}
+    if case == "eip_pendulum_N256":
+        return {"NumPy, eigenvectors": eip_numpy_256}
     if case.startswith("bank_"):
         return bank.contenders(case.removeprefix("bank_"))
     if case.startswith("simulate_"):

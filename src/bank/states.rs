@@ -5,7 +5,7 @@
 //! operations is the same, and so are the bits.
 
 use crate::real::Real;
-use crate::simd::{Block, Rows, Walk};
+use crate::simd::{Block, Grid, Walk};
 
 /// Coefficients of a model, entry by entry in row order.
 pub(crate) trait Source<T: Real>: Copy {
@@ -58,8 +58,9 @@ impl<T: Real> Source<T> for Repeat<'_> {
 
     #[inline(always)]
     fn rows<const R: usize, const MINUS: bool>(self, i: usize, x: &[T], sum: &mut [T; R]) {
-        let (a, b) = (Rows { data: self.0, stride: x.len() }, Rows { data: x, stride: 1 });
-        let mut walk = Walk::<f64, T, R, 1>::new::<false, false, false>(a, b, (i, 0), (0, x.len()));
+        let n = x.len();
+        let (a, b) = (Grid::new(self.0, [i + R, n], [n, 1]), Grid::new(x, [n, 1], [1, 1]));
+        let mut walk = Walk::<f64, T, R, 1>::new::<false>(a, b, (i, 0), (0, n));
         let (mut entry, mut of_x) = ([0.0; R], [T::zero()]);
         // in registers: behind the reference they would be written at every entry
         let mut sums = *sum;

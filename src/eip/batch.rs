@@ -119,11 +119,6 @@ impl LoopBatch {
         }
     }
 
-    /// Lane blocks of the tier: eight blocks each, or one for the oracle.
-    pub(crate) fn groups<T: Real>(&self) -> usize {
-        self.len.div_ceil(T::LANES)
-    }
-
     /// Lane block `g`; `copy` serves where the storage cannot be seen as lanes.
     #[inline(always)]
     pub(crate) fn group<'a, T: Real>(&'a self, g: usize, copy: &'a mut Vec<T>) -> Matrices<'a, T> {

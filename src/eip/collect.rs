@@ -104,8 +104,10 @@ impl<'b, 'a> Collector<'b, 'a> {
         self.case.winner.push(verdict.winner());
         self.plants.verdict.push(verdict);
         self.plants.by_frequency.push(checked.replaced > 0);
-        self.plants.upsilon.extend(checked.row);
-        self.plants.error.extend(checked.error);
+        self.plants.upsilon.extend_from_slice(&checked.row);
+        self.plants.error.extend_from_slice(&checked.error);
+        // where none are known
+        self.plants.error.resize(self.plants.upsilon.len(), f64::NAN);
         self.next += 1;
     }
 

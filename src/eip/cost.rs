@@ -4,15 +4,15 @@ use crate::eip::Method;
 
 /// Doublings of a usual study: modes spread over a factor of a hundred.
 const DOUBLINGS: f64 = 9.0;
-/// Cost of one flop of a dense eigendecomposition and of the scalar set-up
-/// around it, in flops of the lane kernels. Measured, as [`MODAL_PAIR`], on the
-/// pendulum (orders 9 and 5) with 4, 64 and 128 models by each method: 20 us more a
-/// plant for the modal form, 0.36 us a pair by doubling (42 Gflop/s), 0.1 us by
-/// the modal form. They break even near 75 models.
-const EIGEN_PENALTY: f64 = 45.0;
+/// What the modal form needs more for a plant of order one, and with the cube of the
+/// order: its eigenvalues and vectors. Measured, as [`MODAL_PAIR`], on the pendulum
+/// (orders 9 and 5) and on two oscillators (4 and 4) with 2 to 64 models by each method
+/// (AVX2): 6.7 and 1.7 us more a plant, 0.7 and 0.2 us a pair by doubling (21 and 14
+/// Gflop/s), 0.14 and 0.06 us by the modal form. They break even near 12 models.
+const MODAL_PLANT: f64 = 300.0;
 /// Cost of one pair of eigenvalues in the modal form, in flops of the lane
 /// kernels: the division, and what is done for each pair besides.
-const MODAL_PAIR: f64 = 100.0;
+const MODAL_PAIR: f64 = 70.0;
 
 impl Method {
     /// The cheaper method for plant blocks of order `np`, observers of order
@@ -31,7 +31,7 @@ impl Method {
                 let step = 2.0 * p * n * (p + n);
                 plant + models * step * (DOUBLINGS + 3.0)
             }
-            Method::Modal => plant + EIGEN_PENALTY * 25.0 * p * p * p + models * MODAL_PAIR * p * n,
+            Method::Modal => plant + MODAL_PLANT * p * p * p + models * MODAL_PAIR * p * n,
         }
     }
 

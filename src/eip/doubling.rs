@@ -30,7 +30,7 @@ use crate::eip::batch::{LoopBatch, Matrices, Shape};
 use crate::eip::setup::PairModel;
 use crate::error::{Error, Result};
 use crate::model::Time;
-use crate::real::{Mask, Real};
+use crate::real::Real;
 use crate::simd::{self, Kernel};
 use crate::small::{Dyn, dot, mul, mul_add_nt, mul_add_tn, mul_nt, mul_sub, sym_mul_nt};
 use crate::solve::lanes::{
@@ -40,7 +40,7 @@ use crate::solve::lanes::{
 
 /// What the doubling knows before it meets a plant.
 pub(crate) struct Doubling {
-    time: Time,
+    pub(crate) time: Time,
     gamma: f64,
     models: Vec<Constants>,
 }
@@ -88,14 +88,6 @@ impl Doubling {
         out.clear();
         out.resize(batch.len() * models.len(), f64::NAN);
         simd::dispatch(Energies { doubling: self, models: &models, batch, out });
-    }
-
-    /// Gramian `X` of each block; `None` for a block that was not shown to be
-    /// stable.
-    pub(crate) fn gramians(&self, batch: &LoopBatch) -> Vec<Option<Mat<f64>>> {
-        let mut out = Vec::with_capacity(batch.len());
-        simd::dispatch(Gramians { doubling: self, batch, out: &mut out });
-        out
     }
 }
 
@@ -180,34 +172,8 @@ impl Kernel for Energies<'_> {
     }
 }
 
-struct Gramians<'a> {
-    doubling: &'a Doubling,
-    batch: &'a LoopBatch,
-    out: &'a mut Vec<Option<Mat<f64>>>,
-}
-
-impl Kernel for Gramians<'_> {
-    type Out = ();
-
-    #[inline(always)]
-    fn run<T: Real>(self) {
-        let batch = self.batch;
-        let np = batch.shape.np;
-        let mut plants = Plants::<T>::new(self.doubling.time, batch.shape);
-        let mut copy = Vec::new();
-        for g in 0..batch.groups::<T>() {
-            plants.solve(self.doubling, &batch.group(g, &mut copy));
-            let stable = plants.factor.stable();
-            for l in 0..T::LANES.min(batch.len() - g * T::LANES) {
-                let x = Mat::from_fn(np, np, |i, j| plants.x[i * np + j].lane(l));
-                self.out.push(stable.lane(l).then_some(x));
-            }
-        }
-    }
-}
-
 /// A coefficient ready for Smith sums.
-enum Factor<T: Real> {
+pub(crate) enum Factor<T: Real> {
     Continuous(Cayley<T>),
     Discrete(Powers<T>),
 }
@@ -223,7 +189,7 @@ impl<T: Real> Factor<T> {
 
     /// Lanes whose matrix was shown to be stable.
     #[inline(always)]
-    fn stable(&self) -> T::Mask {
+    pub(crate) fn stable(&self) -> T::Mask {
         match self {
             Factor::Continuous(c) => c.powers.stable,
             Factor::Discrete(p) => p.stable,
@@ -273,15 +239,16 @@ impl<T: Real> Splat<T> {
 }
 
 /// What is computed once per plant, for a lane of plants in their loops.
-struct Plants<T: Real> {
+pub(crate) struct Plants<T: Real> {
     shape: Shape,
-    x: Vec<T>,
-    factor: Factor<T>,
+    /// Their Gramians.
+    pub(crate) x: Vec<T>,
+    pub(crate) factor: Factor<T>,
     work: Vec<T>,
 }
 
 impl<T: Real> Plants<T> {
-    fn new(time: Time, shape: Shape) -> Self {
+    pub(crate) fn new(time: Time, shape: Shape) -> Self {
         let np = shape.np;
         Self {
             shape,
@@ -292,7 +259,7 @@ impl<T: Real> Plants<T> {
     }
 
     #[inline(always)]
-    fn solve(&mut self, d: &Doubling, block: &Matrices<'_, T>) {
+    pub(crate) fn solve(&mut self, d: &Doubling, block: &Matrices<'_, T>) {
         let Shape { np, nw, .. } = self.shape;
         self.factor.set(block.a, d.gamma);
         sym_mul_nt(Dyn(np), Dyn(nw), block.b, block.b, &mut self.x);

@@ -13,7 +13,7 @@ use crate::eip::frequency::Frequency;
 use crate::eip::modal::Modal;
 use crate::eip::setup::{PairModel, Setup};
 use crate::error::{Eigenvalue, Error, Result};
-use crate::model::{DelayForm, LoopBlock, block_states};
+use crate::model::{DelayForm, block_states};
 use crate::small::Cx;
 use crate::solve::{Mode, backend, least_stable_mode};
 
@@ -23,6 +23,10 @@ const DECAYS: f64 = 1e-9;
 
 /// Relative error of the quadrature up to which it stands in for the doubling.
 const UNPROVED: f64 = 1e-6;
+
+/// A model whose Upsilon is within this share of the smallest may be the one that has it:
+/// the separable form is good to 1e-9 and better.
+const CONTENDS: f64 = 1e-5;
 
 /// Upsilon of every model, NaN for those without one, or why there is none.
 pub(crate) type Outcome = std::result::Result<Vec<f64>, Flaw>;
@@ -56,6 +60,8 @@ pub(crate) struct Engine<'a> {
     winding: Option<Winding>,
     /// Indices of the models that could be designed.
     pub(crate) designed: Vec<usize>,
+    /// What the nominal measurement noise adds for each model, NaN for those without one.
+    offsets: Vec<f64>,
     /// Buffers waiting for the next call.
     works: Mutex<Vec<Work>>,
 }
@@ -97,6 +103,7 @@ impl<'a> Engine<'a> {
         let grid = &setup.study.grid;
         let mut rates = Rates::default();
         let mut order = None;
+        let mut near = Vec::new();
         let mut first_failure = None;
         let usual = [0, grid.len() / 2, grid.len() - 1];
         for (k, index) in usual.into_iter().chain(0..grid.len()).enumerate() {
@@ -106,7 +113,11 @@ impl<'a> Engine<'a> {
             let theta = setup.theta_at(&grid.point(index));
             match setup.block(&theta, delay, setup.delay_states()) {
                 Ok((block, _)) => {
-                    rates.add(&block)?;
+                    let values = backend::eigenvalues(block.A.as_ref())?;
+                    rates.add(&values, setup.time.is_continuous());
+                    if order.is_none() || k == 1 {
+                        near = values;
+                    }
                     order = Some(block.np());
                 }
                 Err(e @ Error::Plant { .. }) => {
@@ -125,7 +136,7 @@ impl<'a> Engine<'a> {
         };
         let mut model_order = 1;
         for pair in setup.pairs.iter().flatten() {
-            rates.add_matrix(pair.F.as_ref(), setup.time.is_continuous())?;
+            rates.add(&backend::eigenvalues(pair.F.as_ref())?, setup.time.is_continuous());
             model_order = pair.F.nrows();
         }
         let gamma = rates.centre();
@@ -134,7 +145,9 @@ impl<'a> Engine<'a> {
         let mut method =
             setup.study.method.unwrap_or_else(|| Method::cheaper(order, model_order, models));
         let modal = match method {
-            Method::Modal => Modal::new(setup.time.is_continuous(), setup.pairs.iter().flatten())?,
+            Method::Modal => {
+                Modal::new(setup.time.is_continuous(), setup.pairs.iter().flatten(), &near)?
+            }
             Method::Doubling => None,
         };
         if modal.is_none() {
@@ -143,6 +156,8 @@ impl<'a> Engine<'a> {
         let plant_states = &setup.study.family.names().states;
         let states = block_states(plant_states, &setup.study.surroundings, order);
         let designed = (0..setup.pairs.len()).filter(|&i| setup.pairs[i].is_some()).collect();
+        let offset = |pair: &PairModel| setup.offset(pair, &setup.nominal.R);
+        let offsets = setup.pairs.iter().map(|p| p.as_ref().map_or(f64::NAN, offset)).collect();
         let works = Mutex::new(Vec::new());
         let delayed_feedback =
             setup.time.is_continuous() && delay > 0.0 && setup.controller.is_some();
@@ -159,6 +174,7 @@ impl<'a> Engine<'a> {
             frequency,
             winding,
             designed,
+            offsets,
             works,
         })
     }
@@ -170,10 +186,7 @@ impl<'a> Engine<'a> {
     pub(crate) fn rows(&self, thetas: &[Vec<f64>]) -> Result<Vec<Outcome>> {
         self.outcomes(thetas, &self.designed, |batch, energies| match &self.modal {
             Some(modal) => self.modal_energies(modal, batch, energies),
-            None => {
-                self.doubling.energies(batch, None, energies);
-                Ok(())
-            }
+            None => self.doubling.energies(batch, None, energies),
         })
     }
 
@@ -192,8 +205,34 @@ impl<'a> Engine<'a> {
         let (designed, places) = self.places(models);
         self.outcomes(thetas, &designed, |batch, energies| {
             self.doubling.energies(batch, Some(&places), energies);
-            Ok(())
         })
+    }
+
+    /// Upsilon of every model at `theta`, by doubling for those of `wanted` and wherever
+    /// the smallest may be: the separable form is good enough to tell the others.
+    ///
+    /// # Errors
+    /// As [`Engine::rows`].
+    pub(crate) fn probe(&self, theta: Vec<f64>, wanted: &[usize]) -> Result<Outcome> {
+        let thetas = [theta];
+        let first = |rows: Vec<Outcome>| rows.into_iter().next().unwrap_or(Err(Flaw::Unknown));
+        if self.modal.is_some()
+            && let Ok(mut row) = first(self.rows(&thetas)?)
+        {
+            let least = self.designed.iter().fold(f64::INFINITY, |least, &i| least.min(row[i]));
+            let mut close = self.designed.clone();
+            close.retain(|&i| {
+                let far = row[i] > (1.0 + CONTENDS) * least; // false for NaN
+                !far || wanted.contains(&i)
+            });
+            return Ok(first(self.accurate_rows(&thetas, &close)?).map(|accurate| {
+                for &i in &close {
+                    row[i] = accurate[i];
+                }
+                row
+            }));
+        }
+        Ok(first(self.accurate_rows(&thetas, &self.designed)?))
     }
 
     /// Those of `models` that could be designed, and their places among all
@@ -208,7 +247,7 @@ impl<'a> Engine<'a> {
         &self,
         thetas: &[Vec<f64>],
         designed: &[usize],
-        energies: impl FnOnce(&LoopBatch, &mut Vec<f64>) -> Result<()>,
+        energies: impl FnOnce(&LoopBatch, &mut Vec<f64>),
     ) -> Result<Vec<Outcome>> {
         let spare = self.works.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = spare.unwrap_or_else(Work::new);
@@ -222,7 +261,7 @@ impl<'a> Engine<'a> {
         work: &mut Work,
         thetas: &[Vec<f64>],
         designed: &[usize],
-        fill: impl FnOnce(&LoopBatch, &mut Vec<f64>) -> Result<()>,
+        fill: impl FnOnce(&LoopBatch, &mut Vec<f64>),
     ) -> Result<Vec<Outcome>> {
         let Work { assembly, batch, exact, delayed, built, energies } = work;
         let form = self.setup.delay_states();
@@ -245,7 +284,7 @@ impl<'a> Engine<'a> {
                 Err(e) => return Err(e),
             }
         }
-        fill(batch, energies)?;
+        fill(batch, energies);
         let counts = match &self.winding {
             Some(winding) => winding.counts(delayed),
             None => Vec::new(),
@@ -272,8 +311,7 @@ impl<'a> Engine<'a> {
                 Stability::Unstable(mode) => Err(Flaw::Unstable(mode)),
                 Stability::Unknown => Err(Flaw::Unknown),
                 Stability::Stable if proved => {
-                    let r = r.as_ref().unwrap_or(nominal);
-                    Ok(self.scale(designed, row.iter().copied(), r))
+                    Ok(self.scale(designed, row.iter().copied(), r.as_ref()))
                 }
                 Stability::Stable => Ok(self.unproved_row(theta, designed)?),
             });
@@ -284,36 +322,21 @@ impl<'a> Engine<'a> {
 
     /// Energies by the separable form; plants whose eigenvectors are
     /// ill-conditioned by doubling.
-    fn modal_energies(
-        &self,
-        modal: &Modal,
-        batch: &LoopBatch,
-        energies: &mut Vec<f64>,
-    ) -> Result<()> {
+    fn modal_energies(&self, modal: &Modal, batch: &LoopBatch, energies: &mut Vec<f64>) {
+        let again = modal.energies(&self.doubling, batch, energies);
+        if again.is_empty() {
+            return;
+        }
+        let mut blocks = LoopBatch::new();
+        for &k in &again {
+            blocks.push(&batch.block(k));
+        }
+        let mut found = Vec::new();
+        self.doubling.energies(&blocks, None, &mut found);
         let models = modal.len();
-        energies.clear();
-        energies.resize(batch.len() * models, f64::NAN);
-        let mut again = LoopBatch::new();
-        let mut places = Vec::new();
-        for (k, x) in self.doubling.gramians(batch).into_iter().enumerate() {
-            let Some(x) = x else { continue };
-            let block = batch.block(k);
-            match modal.energies(&block, x.as_ref())? {
-                Some(found) => energies[k * models..(k + 1) * models].copy_from_slice(&found),
-                None => {
-                    again.push(&block);
-                    places.push(k);
-                }
-            }
+        for (found, &k) in found.chunks(models).zip(&again) {
+            energies[k * models..(k + 1) * models].copy_from_slice(found);
         }
-        if !places.is_empty() {
-            let mut found = Vec::new();
-            self.doubling.energies(&again, None, &mut found);
-            for (found, &k) in found.chunks(models).zip(&places) {
-                energies[k * models..(k + 1) * models].copy_from_slice(found);
-            }
-        }
-        Ok(())
     }
 
     /// Upsilon by the frequency integral of a stable loop that the doubling could
@@ -343,8 +366,8 @@ impl<'a> Engine<'a> {
         let (block, r) = setup.block(theta, self.delay, DelayForm::Exact)?;
         let (designed, places) = self.places(models);
         let integrals = self.second_route().energies(&block, &places);
-        let values = self.scale(&designed, integrals.iter().map(|i| i.value), &r);
-        let upper = self.scale(&designed, integrals.iter().map(|i| i.value + i.error), &r);
+        let values = self.scale(&designed, integrals.iter().map(|i| i.value), Some(&r));
+        let upper = self.scale(&designed, integrals.iter().map(|i| i.value + i.error), Some(&r));
         let errors = values.iter().zip(&upper).map(|(v, u)| u - v).collect();
         Ok((values, errors))
     }
@@ -365,20 +388,23 @@ impl<'a> Engine<'a> {
     }
 
     /// One Upsilon a model of the bank from the energies of `designed`, NaN for
-    /// the others.
+    /// the others, at a plant with measurement noise `r` (`None`: the nominal one).
     fn scale(
         &self,
         designed: &[usize],
         energies: impl Iterator<Item = f64>,
-        r: &Mat<f64>,
+        r: Option<&Mat<f64>>,
     ) -> Vec<f64> {
         let mut row = vec![f64::NAN; self.setup.pairs.len()];
+        let scale = self.setup.scale();
         for (&i, energy) in designed.iter().zip(energies) {
             // an energy below zero is all rounding
-            if let Some(pair) = &self.setup.pairs[i]
-                && energy >= 0.0
-            {
-                row[i] = self.setup.upsilon(pair, energy, r);
+            if energy >= 0.0 {
+                let offset = match (r, &self.setup.pairs[i]) {
+                    (Some(r), Some(pair)) => self.setup.offset(pair, r),
+                    _ => self.offsets[i],
+                };
+                row[i] = (0.5 * energy + offset) * scale;
             }
         }
         row
@@ -452,12 +478,8 @@ impl Default for Rates {
 }
 
 impl Rates {
-    fn add(&mut self, block: &LoopBlock) -> Result<()> {
-        self.add_matrix(block.A.as_ref(), block.time.is_continuous())
-    }
-
-    fn add_matrix(&mut self, a: faer::MatRef<'_, f64>, continuous: bool) -> Result<()> {
-        for v in backend::eigenvalues(a)? {
+    fn add(&mut self, values: &[Eigenvalue], continuous: bool) {
+        for v in values {
             let modulus = v.re.hypot(v.im);
             let rate = if continuous {
                 modulus
@@ -470,7 +492,6 @@ impl Rates {
                 self.fastest = self.fastest.max(rate);
             }
         }
-        Ok(())
     }
 
     /// Geometric mean, one where nothing was seen.

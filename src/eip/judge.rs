@@ -32,6 +32,7 @@ const TRUST: f64 = 1e-8;
 #[derive(Clone)]
 pub(crate) struct Checked {
     pub(crate) row: Vec<f64>,
+    /// Empty where nothing is known of the errors.
     pub(crate) error: Vec<f64>,
     /// Largest relative difference of the routes: of all pairs (infinite where
     /// the Lyapunov route has no number), and of those that kept its value.
@@ -44,8 +45,7 @@ pub(crate) struct Checked {
 impl Checked {
     /// A plant that only the Lyapunov route has seen.
     pub(crate) fn unchecked(row: Vec<f64>) -> Self {
-        let error = vec![f64::NAN; row.len()];
-        Self { row, error, found: 0.0, kept: 0.0, compared: 0, replaced: 0 }
+        Self { row, error: Vec::new(), found: 0.0, kept: 0.0, compared: 0, replaced: 0 }
     }
 
     /// Takes the second route, and its value where the first has lost its
@@ -58,6 +58,7 @@ impl Checked {
     ) -> Result<()> {
         let (second, quadrature) = engine.frequency_row(theta, &engine.designed)?;
         let mut differences = vec![0.0_f64; self.row.len()];
+        self.error.resize(self.row.len(), f64::NAN);
         for &i in &engine.designed {
             let difference = (self.row[i] - second[i]).abs();
             if self.row[i].is_nan() {

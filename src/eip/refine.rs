@@ -89,11 +89,45 @@ impl Refiner<'_, '_> {
             return Some(Cell { at, rivals: Vec::new() });
         }
         let w = a.winner()?;
+        let curved = self.curved(at, w);
         let rivals = self.engine.designed.iter().copied();
         let rivals: Vec<usize> = rivals
-            .filter(|&j| !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j))
+            .filter(|&j| {
+                curved[j] && !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j)
+            })
             .collect();
         (!rivals.is_empty()).then_some(Cell { at, rivals })
+    }
+
+    /// The models over which the lead of `w` is curved enough in a cell to come down to
+    /// [`DIP`] of itself, whatever its slope: few, so that [`Refiner::dips`] need not look
+    /// at all.
+    ///
+    /// ```text
+    /// p - y <= c (reach h)^2  for the lead p at an end, y <= DIP p the least, c the bend
+    /// ```
+    fn curved(&self, at: usize, w: usize) -> Vec<bool> {
+        let mut curved = vec![false; self.plants.row(at).len()];
+        let (x, z) = (self.values[at], self.values[at + 1]);
+        let (left, right) = (self.plants.row(at), self.plants.row(at + 1));
+        let reach = (1.0 + BESIDE) * (z - x);
+        let slope = 1.0 / (z - x);
+        for third in [at.checked_sub(1), Some(at + 2)] {
+            let Some(k) = third.filter(|&k| k < self.values.len()) else { continue };
+            let (u, row) = (self.values[k], self.plants.row(k));
+            // of the divided differences over the cell and from its nearer end to `u`
+            let (near, inner) = if k < at { (left, x) } else { (right, z) };
+            let outward = 1.0 / (u - inner);
+            let scale = reach * reach / if k < at { z - u } else { u - x };
+            let sign = if k < at { -scale } else { scale };
+            for (j, out) in curved.iter_mut().enumerate() {
+                let (p, q) = (left[j] - left[w], right[j] - right[w]);
+                let r = row[j] - row[w];
+                let bend = ((r - (near[j] - near[w])) * outward - (q - p) * slope) * sign;
+                *out |= bend >= 0.99 * (1.0 - DIP) * p.min(q);
+            }
+        }
+        curved
     }
 
     /// Whether the lead of `w` over `j` may vanish inside a cell: judged by the
@@ -150,7 +184,7 @@ impl Search<'_, '_> {
                 let lead = |p: &Probe| (p.x, p.row[j] - p.row[w]);
                 let (a, b) = (lead(&probes[0]), lead(&end));
                 if let Some(x) = root::negative_point(a, b, |xs| self.differences(xs, j, w))? {
-                    probes.push(self.probe(x)?);
+                    probes.push(self.probe(x, &[j, w])?);
                 }
             }
         }
@@ -199,12 +233,12 @@ impl Search<'_, '_> {
                     width = high.0 - low.0;
                 }
                 Bracket::Undefined(x) => {
-                    let middle = self.probe(x)?;
+                    let middle = self.probe(x, &[i, j])?;
                     return self.both(a, &middle, b, depth);
                 }
             }
         }
-        let middle = self.probe(x)?;
+        let middle = self.probe(x, &[i, j])?;
         let third = middle.verdict.winner().is_some_and(|w| {
             let least = middle.row[i].min(middle.row[j]);
             w != i && w != j && middle.row[w] < least - TIE * least.abs()
@@ -250,7 +284,8 @@ impl Search<'_, '_> {
                 low = x;
             }
         }
-        let known = |end: &Probe, x: f64| if end.x == x { Ok(end.clone()) } else { self.probe(x) };
+        let known =
+            |end: &Probe, x: f64| if end.x == x { Ok(end.clone()) } else { self.probe(x, &[]) };
         let (p, q) = (known(a, low)?, known(b, high)?);
         // the stable side may change winner on its way to the edge
         if self.split(a, &p, depth + 1)? == Trust::Lost {
@@ -334,17 +369,16 @@ impl Search<'_, '_> {
             .collect())
     }
 
-    /// All models at `x`.
-    fn probe(&self, x: f64) -> Result<Probe> {
+    /// All models at `x`, `wanted` as accurately as can be.
+    fn probe(&self, x: f64, wanted: &[usize]) -> Result<Probe> {
         let thetas = self.thetas(&[x])?;
         let refiner = self.refiner;
         let engine = refiner.engine;
         let none = |verdict| Probe { x, row: Vec::new(), verdict };
-        let outcome = engine.accurate_rows(&thetas, &engine.designed)?.into_iter().next();
-        let mut row = match outcome {
-            Some(Ok(row)) => row,
-            Some(Err(Flaw::Unstable(_) | Flaw::Unknown)) => return Ok(none(Verdict::Unstable)),
-            Some(Err(Flaw::Unbuilt(_))) | None => return Ok(none(Verdict::Failed)),
+        let mut row = match engine.probe(thetas[0].clone(), wanted)? {
+            Ok(row) => row,
+            Err(Flaw::Unstable(_) | Flaw::Unknown) => return Ok(none(Verdict::Unstable)),
+            Err(Flaw::Unbuilt(_)) => return Ok(none(Verdict::Failed)),
         };
         let mut error = vec![f64::NAN; row.len()];
         if self.exact || engine.designed.iter().any(|&i| row[i].is_nan()) {

@@ -42,25 +42,31 @@ pub(crate) struct Break {
     pub(crate) right: Verdict,
 }
 
+/// The smallest of `len` numbers, NaN left out (NaN if there is no other).
+fn least(len: usize, number: impl Fn(usize) -> f64) -> f64 {
+    // Four chains: one would wait for every comparison.
+    let mut parts = [f64::NAN; 4];
+    for i in 0..len {
+        parts[i % 4] = parts[i % 4].min(number(i));
+    }
+    parts[0].min(parts[1]).min(parts[2].min(parts[3]))
+}
+
 /// The winner of a row: the first that is equal to the smallest number, to
 /// [`TIE`]; `None` if all are NaN.
 pub(crate) fn winner(row: &[f64]) -> Option<usize> {
-    let mut least = f64::NAN;
-    for &v in row {
-        least = least.min(v);
-    }
-    row.iter().position(|&v| v <= least + TIE * least.abs())
+    let least = least(row.len(), |i| row[i]);
+    let limit = least + TIE * least.abs();
+    row.iter().position(|&v| v <= limit)
 }
 
-/// Runner-up less winner, leaving out duplicates of the winner.
+/// Runner-up less winner, leaving out duplicates of the winner; infinite if there is
+/// none.
 pub(crate) fn margin(row: &[f64], winner: usize, duplicate_of: &[Option<usize>]) -> f64 {
-    let mut margin = f64::INFINITY;
-    for (i, &v) in row.iter().enumerate() {
-        if !is_same(winner, i, duplicate_of) && !v.is_nan() {
-            margin = margin.min(v - row[winner]);
-        }
-    }
-    margin
+    let of = |i: usize| duplicate_of[i].unwrap_or(i);
+    let own = of(winner);
+    let next = least(row.len(), |i| if of(i) == own { f64::NAN } else { row[i] });
+    if next.is_nan() { f64::INFINITY } else { next - row[winner] }
 }
 
 /// True if two models have the same observer.
@@ -69,8 +75,8 @@ pub(crate) fn is_same(i: usize, j: usize, duplicate_of: &[Option<usize>]) -> boo
 }
 
 /// The winner, or why it must be withheld: one of the `designed` models has no
-/// number, or a rival is closer than the errors (NaN: not known, taken for
-/// small) and these are not small themselves.
+/// number, or a rival is closer than the errors (NaN, or none at all: not known, taken
+/// for small) and these are not small themselves.
 pub(crate) fn decide(
     row: &[f64],
     error: &[f64],
@@ -81,6 +87,9 @@ pub(crate) fn decide(
     let Some(w) = winner(row).filter(|_| unknown.is_empty()) else {
         return Err(Doubt::NoNumber { models: unknown });
     };
+    if error.iter().all(|e| e.is_nan()) {
+        return Ok(w);
+    }
     let own = |i: usize| if error[i].is_nan() { 0.0 } else { error[i] };
     let mut models = vec![w];
     let mut closest = (f64::INFINITY, 0.0);

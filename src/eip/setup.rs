@@ -304,14 +304,14 @@ impl Setup {
         run::run(self, control)
     }
 
-    /// Upsilon from the energy `tr(W E[eps eps'])` of a pair (without the
-    /// measurement noise), at a plant with measurement noise `r`.
-    pub(crate) fn upsilon(&self, model: &PairModel, energy: f64, r: &Mat<f64>) -> f64 {
-        let scale = self.sampled.map_or(1.0, f64::recip);
-        (0.5 * energy + self.offset(model, r)) * scale
+    /// Upsilon is this times half the energy `tr(W E[eps eps'])` of a pair (without the
+    /// measurement noise) and the [`Setup::offset`].
+    pub(crate) fn scale(&self) -> f64 {
+        self.sampled.map_or(1.0, f64::recip)
     }
 
-    fn offset(&self, model: &PairModel, r: &Mat<f64>) -> f64 {
+    /// What measurement noise `r` of the plant adds.
+    pub(crate) fn offset(&self, model: &PairModel, r: &Mat<f64>) -> f64 {
         let Some((s, ln_det)) = &model.innovation else { return 0.0 };
         if *r == model.R {
             return model.matched_offset;

@@ -15,11 +15,11 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod dispatch;
+mod grid;
 mod storage;
-mod walk;
 
 pub use crate::real::Tier;
 pub use dispatch::{Kernel, dispatch, dispatch_on};
 pub(crate) use dispatch::{dispatch_twice, outline_scalar, outline_twice};
+pub(crate) use grid::{Grid, GridMut, Walk};
 pub use storage::{Block, LANES, Panel, groups, load_group, store_group};
-pub(crate) use walk::{Rows, Walk};

@@ -1,7 +1,7 @@
 //! Cholesky factorisation, one matrix a lane.
 
 use super::dim::{Const, Dim, Dyn, unrolls};
-use super::tile::{self, Rows, accumulate, chain};
+use super::tile::{accumulate, chain, grid, grid_mut};
 use super::triangular::{solve_lower, solve_lower_t};
 use crate::real::{LaneKernel, Mask, Real};
 
@@ -102,9 +102,9 @@ impl<T: Real, N: Dim> Cholesky<'_, T, N> {
     #[inline(always)]
     fn diagonal<const W: usize>(&mut self, j: usize) -> (T::Mask, [T; W]) {
         let n = self.n.get();
-        let a = Rows { data: &*self.a, stride: n };
-        let mut d = tile::load::<T, W, W>(a, (j, j));
-        accumulate::<T, W, W, false, true, { chain::SUB }>(a, a, (j, j), (0, j), &mut d);
+        let a = grid(self.a, [n, n]);
+        let mut d = a.load::<W, W>(j, j);
+        accumulate::<T, W, W, { chain::SUB }>(a, a.t(), (j, j), (0, j), &mut d);
         let mut ok = T::Mask::splat(true);
         let mut inverse = [T::one(); W];
         for c in 0..W {
@@ -133,21 +133,22 @@ impl<T: Real, N: Dim> Cholesky<'_, T, N> {
     #[inline(always)]
     fn below<const R: usize, const W: usize>(&mut self, i: usize, j: usize, inverse: &[T; W]) {
         let n = self.n.get();
-        let a = Rows { data: &*self.a, stride: n };
-        let mut l = tile::load::<T, R, W>(a, (i, j));
-        accumulate::<T, R, W, false, true, { chain::SUB }>(a, a, (i, j), (0, j), &mut l);
+        let mut factor = grid_mut(self.a, [n, n]);
+        let a = factor.view();
+        let mut l = a.load::<R, W>(i, j);
+        accumulate::<T, R, W, { chain::SUB }>(a, a.t(), (i, j), (0, j), &mut l);
         for c in 0..W {
             for r in 0..R {
                 l[r][c] = l[r][c] * inverse[c];
             }
             for s in c + 1..W {
-                let factor = self.a[(j + s) * n + j + c];
+                let entry = a.at(j + s, j + c);
                 for r in 0..R {
-                    l[r][s] = l[r][c].neg_mul_add(factor, l[r][s]);
+                    l[r][s] = l[r][c].neg_mul_add(entry, l[r][s]);
                 }
             }
         }
-        tile::store(&l, self.a, n, (i, j));
+        factor.store(&l, (i, j));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::basic::identity;
 use super::dim::{Const, Dim, Dyn, unrolls};
-use super::tile::{self, Rows, accumulate, chain};
+use super::tile::{GridMut, accumulate, chain, grid_mut};
 use super::triangular::{solve_lower_unit, solve_upper};
 use crate::real::{LaneKernel, Mask, Real};
 
@@ -208,37 +208,17 @@ impl<T: Real, N: Dim> Factor<'_, T, N> {
         }
         let n = self.n.get();
         let full = n / R * R;
+        let mut factors = grid_mut(self.a, [n, n]);
         for block in 0..n / R {
             let i = block * R;
-            self.tile::<R, W>(i, j);
+            subtract::<_, R, W>(&mut factors, i, j);
         }
         match n - full {
-            3 => self.tile::<3, W>(full, j),
-            2 => self.tile::<2, W>(full, j),
-            1 => self.tile::<1, W>(full, j),
+            3 => subtract::<_, 3, W>(&mut factors, full, j),
+            2 => subtract::<_, 2, W>(&mut factors, full, j),
+            1 => subtract::<_, 1, W>(&mut factors, full, j),
             _ => {}
         }
-    }
-
-    /// Rows `i..i + R` of columns `j..j + W`.
-    #[inline(always)]
-    fn tile<const R: usize, const W: usize>(&mut self, i: usize, j: usize) {
-        let n = self.n.get();
-        let a = Rows { data: &*self.a, stride: n };
-        let mut sum = tile::load::<T, R, W>(a, (i, j));
-        let inner = (0, i.min(j));
-        accumulate::<T, R, W, false, false, { chain::SUB }>(a, a, (i, j), inner, &mut sum);
-        if i < j {
-            for r in 1..R {
-                for p in 0..r {
-                    let factor = self.a[(i + r) * n + i + p];
-                    for s in 0..W {
-                        sum[r][s] = factor.neg_mul_add(sum[p][s], sum[r][s]);
-                    }
-                }
-            }
-        }
-        tile::store(&sum, self.a, n, (i, j));
     }
 
     /// Factors columns `j..j + W` of the rows from `j` down.
@@ -302,6 +282,29 @@ impl<T: Real, N: Dim> Factor<'_, T, N> {
         }
         self.perm[k] = number;
     }
+}
+
+/// One tile of [`Factor::update`], rows `i..i + R` of columns `j..j + W`.
+#[inline(always)]
+fn subtract<T: Real, const R: usize, const W: usize>(
+    factors: &mut GridMut<'_, T>,
+    i: usize,
+    j: usize,
+) {
+    let a = factors.view();
+    let mut sum = a.load::<R, W>(i, j);
+    accumulate::<_, R, W, { chain::SUB }>(a, a, (i, j), (0, i.min(j)), &mut sum);
+    if i < j {
+        for r in 1..R {
+            for p in 0..r {
+                let factor = a.at(i + r, i + p);
+                for s in 0..W {
+                    sum[r][s] = factor.neg_mul_add(sum[p][s], sum[r][s]);
+                }
+            }
+        }
+    }
+    factors.store(&sum, (i, j));
 }
 
 /// Largest magnitude, NaN left out: a NaN reaches the pivots anyway.

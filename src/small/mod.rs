@@ -61,4 +61,5 @@ pub use product::{
     sym_mul_add, sym_mul_add_nt, sym_mul_add_tn, sym_mul_nt, sym_mul_sub, sym_mul_sub_nt,
     sym_mul_sub_tn, sym_mul_tn, sym_update,
 };
+pub(crate) use tile::{grid, grid_mut};
 pub use triangular::{solve_lower, solve_lower_t, solve_lower_unit, solve_upper};

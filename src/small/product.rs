@@ -5,7 +5,7 @@
 //! or on whether half of a symmetric result is mirrored.
 
 use super::dim::{Const, Dim, Dyn, unrolls};
-use super::tile::{self, Rows, accumulate, chain};
+use super::tile::{Grid, GridMut, accumulate, chain, grid, grid_mut};
 use crate::real::{LaneKernel, Real};
 
 /// Sizes up to which a product is unrolled where it is called.
@@ -73,14 +73,33 @@ where
 
     /// All tiles.
     #[inline(always)]
-    fn tiles(mut self) {
+    fn tiles(self) {
+        let Product { m, k, n, a, b, c, onto } = self;
+        let (rows, inner, cols) = (m.get(), k.get(), n.get());
+        let a = if TA { grid(a, [inner, rows]).t() } else { grid(a, [rows, inner]) };
+        let b = if TB { grid(b, [cols, inner]).t() } else { grid(b, [inner, cols]) };
+        let c = grid_mut(c, [rows, cols]);
+        let mut tiles = Tiles::<_, M, K, N, HALF> { m, k, n, a, b, c, onto };
         match T::TILE {
-            4 => self.rows::<4, 4>(),
-            2 => self.rows::<2, 2>(),
-            _ => self.rows::<1, 1>(),
+            4 => tiles.rows::<4, 4>(),
+            2 => tiles.rows::<2, 2>(),
+            _ => tiles.rows::<1, 1>(),
         }
     }
+}
 
+/// A [`Product`] with `A` and `B` as they are multiplied.
+struct Tiles<'a, T, M, K, N, const HALF: bool> {
+    m: M,
+    k: K,
+    n: N,
+    a: Grid<'a, T>,
+    b: Grid<'a, T>,
+    c: GridMut<'a, T>,
+    onto: Onto,
+}
+
+impl<T: Real, M: Dim, K: Dim, N: Dim, const HALF: bool> Tiles<'_, T, M, K, N, HALF> {
     /// All rows, `R` at a time.
     #[inline(always)]
     fn rows<const R: usize, const C: usize>(&mut self) {
@@ -98,69 +117,71 @@ where
         }
     }
 
-    /// All columns of rows `i..i + R`, `C` at a time.
+    /// All columns of rows `i..i + R`, `C` at a time, or of a symmetric result those from
+    /// the diagonal on.
     #[inline(always)]
     fn columns<const R: usize, const C: usize>(&mut self, i: usize) {
-        let n = self.n.get();
-        let full = n / C * C;
-        let first = if HALF { i / C } else { 0 };
-        for block in first..n / C {
-            let j = block * C;
+        let first = if HALF { i } else { 0 };
+        let count = self.n.get() - first;
+        for block in 0..count / C {
+            let j = first + block * C;
             self.tile::<R, C>(i, j);
         }
-        match n - full {
-            3 => self.tile::<R, 3>(i, full),
-            2 => self.tile::<R, 2>(i, full),
-            1 => self.tile::<R, 1>(i, full),
+        let j = first + count / C * C;
+        match count % C {
+            3 => self.tile::<R, 3>(i, j),
+            2 => self.tile::<R, 2>(i, j),
+            1 => self.tile::<R, 1>(i, j),
             _ => {}
         }
     }
 
-    /// Entries `i..i + R`, `j..j + C` of the result, held in registers:
+    /// Entries `i..i + R`, `j..j + C` of the result:
     ///
     /// ```text
     /// for p in 0..k: sum[r][s] += A[i + r][p] B[p][j + s]
     /// ```
     #[inline(always)]
     fn tile<const R: usize, const C: usize>(&mut self, i: usize, j: usize) {
-        let n = self.n.get();
         let mut sum = [[T::zero(); C]; R];
         if self.onto != Onto::Set {
-            for r in 0..R {
-                let row = &self.c[(i + r) * n + j..][..C];
-                for s in 0..C {
-                    // C - A B = -(-C + A B): one loop serves both signs.
-                    sum[r][s] = if self.onto == Onto::Sub { -row[s] } else { row[s] };
-                }
-            }
+            sum = self.c.view().load(i, j);
         }
-        let a = Rows { data: self.a, stride: if TA { self.m.get() } else { self.k.get() } };
-        let b = Rows { data: self.b, stride: if TB { self.k.get() } else { n } };
-        let inner = (0, self.k.get());
-        accumulate::<T, R, C, TA, TB, { chain::ADD }>(a, b, (i, j), inner, &mut sum);
+        // C - A B = -(-C + A B): one loop serves both signs.
         if self.onto == Onto::Sub {
-            for r in 0..R {
-                for s in 0..C {
-                    sum[r][s] = -sum[r][s];
-                }
+            negate(&mut sum);
+        }
+        let inner = (0, self.k.get());
+        accumulate::<_, R, C, { chain::ADD }>(self.a, self.b, (i, j), inner, &mut sum);
+        if self.onto == Onto::Sub {
+            negate(&mut sum);
+        }
+        // A tile on the diagonal of a symmetric result starts with a square.
+        let square = if HALF && i == j { R.min(C) } else { 0 };
+        for r in 0..square {
+            for s in 0..r {
+                sum[r][s] = sum[s][r];
             }
         }
-        if HALF && i == j {
-            for r in 0..R.min(C) {
-                for s in 0..r {
-                    sum[r][s] = sum[s][r];
-                }
-            }
-        }
-        tile::store(&sum, self.c, n, (i, j));
-        if HALF && i != j {
-            for s in 0..C {
-                let mut column = [T::zero(); R];
+        self.c.store(&sum, (i, j));
+        if HALF {
+            for s in square..C {
+                let mut column = [[T::zero(); R]];
                 for r in 0..R {
-                    column[r] = sum[r][s];
+                    column[0][r] = sum[r][s];
                 }
-                self.c[(j + s) * n + i..][..R].copy_from_slice(&column);
+                self.c.store(&column, (j + s, i));
             }
+        }
+    }
+}
+
+/// `-sum`.
+#[inline(always)]
+fn negate<T: Real, const R: usize, const C: usize>(sum: &mut [[T; C]; R]) {
+    for r in 0..R {
+        for s in 0..C {
+            sum[r][s] = -sum[r][s];
         }
     }
 }
@@ -178,6 +199,7 @@ impl<T: Real, M: Dim, K: Dim, N: Dim, const TA: bool, const TB: bool, const HALF
                 (4, 4, 4) => return self.square::<4>(),
                 (5, 5, 5) => return self.square::<5>(),
                 (6, 6, 6) => return self.square::<6>(),
+                (8, 8, 8) => return self.square::<8>(),
                 _ => {}
             }
         }

@@ -1,7 +1,7 @@
-//! The one inner loop of products, triangular solves and factorisations: a
-//! register tile of sums, each a chain of fused multiply-adds.
+//! The one inner loop of products, triangular solves and factorisations: a tile of
+//! sums in registers, each a chain of fused multiply-adds.
 
-pub(super) use crate::simd::Rows;
+pub(super) use crate::simd::{Grid, GridMut};
 
 use crate::real::Real;
 use crate::simd::Walk;
@@ -16,31 +16,35 @@ pub(super) mod chain {
     pub(in crate::small) const SUB_DOWN: u8 = 2;
 }
 
+/// A row-major matrix without gaps.
+#[inline(always)]
+#[track_caller]
+pub(crate) fn grid<T: Real>(m: &[T], [rows, cols]: [usize; 2]) -> Grid<'_, T> {
+    Grid::new(m, [rows, cols], [cols, 1])
+}
+
+/// As [`grid`], to write.
+#[inline(always)]
+#[track_caller]
+pub(crate) fn grid_mut<T: Real>(m: &mut [T], [rows, cols]: [usize; 2]) -> GridMut<'_, T> {
+    GridMut::new(m, [rows, cols], [cols, 1])
+}
+
 /// ```text
 /// for p in range: sum[r][s] <- sum[r][s] +- A(i + r, p) B(p, j + s)
 /// ```
-/// `A(i, p)` is `a[i][p]`, or `a[p][i]` when `TA`; `B(p, j)` is `b[p][j]`, or
-/// `b[j][p]` when `TB`. The walk checks its slices once and not at every step: at
-/// order 8 the checks took more instructions than the arithmetic.
 #[inline(always)]
-pub(super) fn accumulate<
-    T: Real,
-    const R: usize,
-    const C: usize,
-    const TA: bool,
-    const TB: bool,
-    const CHAIN: u8,
->(
-    a: Rows<'_, T>,
-    b: Rows<'_, T>,
+pub(super) fn accumulate<T: Real, const R: usize, const C: usize, const CHAIN: u8>(
+    a: Grid<'_, T>,
+    b: Grid<'_, T>,
     at: (usize, usize),
     range: (usize, usize),
     sum: &mut [[T; C]; R],
 ) {
     let mut walk = if CHAIN == chain::SUB_DOWN {
-        Walk::<T, T, R, C>::new::<TA, TB, true>(a, b, at, range)
+        Walk::<T, T, R, C>::new::<true>(a, b, at, range)
     } else {
-        Walk::<T, T, R, C>::new::<TA, TB, false>(a, b, at, range)
+        Walk::<T, T, R, C>::new::<false>(a, b, at, range)
     };
     let (mut ap, mut bp) = ([T::zero(); R], [T::zero(); C]);
     while walk.step(&mut ap, &mut bp) {
@@ -53,31 +57,5 @@ pub(super) fn accumulate<
                 };
             }
         }
-    }
-}
-
-/// Entries `i..i + R`, `j..j + C`.
-#[inline(always)]
-pub(super) fn load<T: Real, const R: usize, const C: usize>(
-    m: Rows<'_, T>,
-    (i, j): (usize, usize),
-) -> [[T; C]; R] {
-    let mut out = [[T::zero(); C]; R];
-    for r in 0..R {
-        out[r].copy_from_slice(&m.data[(i + r) * m.stride + j..][..C]);
-    }
-    out
-}
-
-/// Writes entries `i..i + R`, `j..j + C` of a matrix of `stride` columns.
-#[inline(always)]
-pub(super) fn store<T: Real, const R: usize, const C: usize>(
-    tile: &[[T; C]; R],
-    m: &mut [T],
-    stride: usize,
-    (i, j): (usize, usize),
-) {
-    for r in 0..R {
-        m[(i + r) * stride + j..][..C].copy_from_slice(&tile[r]);
     }
 }

@@ -1,7 +1,7 @@
 //! Triangular systems with many right-hand sides, register-tiled.
 
 use super::dim::{Const, Dim, Dyn, unrolls};
-use super::tile::{self, Rows, accumulate, chain};
+use super::tile::{Grid, GridMut, accumulate, chain, grid, grid_mut};
 use crate::real::{LaneKernel, Real};
 
 /// Orders up to which a solve is unrolled at the call.
@@ -35,8 +35,6 @@ struct Triangular<'a, T, N, C, const KIND: u8> {
 }
 
 impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
-    const FALLING: bool = KIND == kind::UPPER || KIND == kind::LOWER_T;
-
     #[inline(always)]
     #[track_caller]
     fn go(self) {
@@ -53,12 +51,39 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
         }
     }
 
-    /// Entry `(i, p)` of `op(T)`.
+    /// The same with a size that the compiler sees.
     #[inline(always)]
-    fn entry(&self, i: usize, p: usize) -> T {
-        let n = self.n.get();
-        self.t[if KIND == kind::LOWER_T { p * n + i } else { i * n + p }]
+    fn fixed<const S: usize>(self) {
+        // Of no effect but to let bounds checks go.
+        let t = &self.t[..S * S];
+        Triangular::<T, _, _, KIND> { n: Const::<S>, r: self.r, t, x: self.x }.all();
     }
+
+    #[inline(always)]
+    fn all(self) {
+        let Triangular { n, r, t, x } = self;
+        let (size, width) = (n.get(), r.get());
+        let t = grid(t, [size, size]);
+        let t = if KIND == kind::LOWER_T { t.t() } else { t };
+        let mut tiles = Tiles::<_, N, C, KIND> { n, r, t, x: grid_mut(x, [size, width]) };
+        match T::TILE {
+            4 => tiles.rows::<4, 4>(),
+            2 => tiles.rows::<2, 2>(),
+            _ => tiles.rows::<1, 1>(),
+        }
+    }
+}
+
+/// A [`Triangular`] system, `t` as it is solved with.
+struct Tiles<'a, T, N, C, const KIND: u8> {
+    n: N,
+    r: C,
+    t: Grid<'a, T>,
+    x: GridMut<'a, T>,
+}
+
+impl<T: Real, N: Dim, C: Dim, const KIND: u8> Tiles<'_, T, N, C, KIND> {
+    const FALLING: bool = KIND == kind::UPPER || KIND == kind::LOWER_T;
 
     /// All rows, `R` at a time, in the order that the triangle asks for.
     #[inline(always)]
@@ -88,66 +113,51 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
     /// All columns of rows `i..i + R`, `W` at a time.
     #[inline(always)]
     fn columns<const R: usize, const W: usize>(&mut self, i: usize) {
-        let mut inverse = [T::one(); R];
+        let block = self.t.load::<R, R>(i, i);
+        let mut inverse = [T::zero(); R];
         if KIND != kind::LOWER_UNIT {
             for s in 0..R {
-                inverse[s] = self.entry(i + s, i + s).recip();
+                inverse[s] = block[s][s].recip();
             }
         }
         let r = self.r.get();
         let full = r / W * W;
-        for block in 0..r / W {
-            let j = block * W;
-            self.tile::<R, W>(i, j, &inverse);
+        for k in 0..r / W {
+            let j = k * W;
+            self.tile::<R, W>(i, j, &block, &inverse);
         }
         match r - full {
-            3 => self.tile::<R, 3>(i, full, &inverse),
-            2 => self.tile::<R, 2>(i, full, &inverse),
-            1 => self.tile::<R, 1>(i, full, &inverse),
+            3 => self.tile::<R, 3>(i, full, &block, &inverse),
+            2 => self.tile::<R, 2>(i, full, &block, &inverse),
+            1 => self.tile::<R, 1>(i, full, &block, &inverse),
             _ => {}
         }
     }
 
-    /// Rows `i..i + R`, columns `j..j + W` of the solution.
+    /// Rows `i..i + R`, columns `j..j + W` of the solution; `block` is that of the triangle
+    /// on the diagonal, `inverse` what its diagonal is multiplied by.
     #[inline(always)]
-    fn tile<const R: usize, const W: usize>(&mut self, i: usize, j: usize, inverse: &[T; R]) {
-        let (n, r) = (self.n.get(), self.r.get());
-        let t = Rows { data: self.t, stride: n };
-        let x = Rows { data: &*self.x, stride: r };
-        let mut sum = tile::load::<T, R, W>(x, (i, j));
-        match KIND {
-            kind::LOWER | kind::LOWER_UNIT => {
-                let before = (0, i);
-                accumulate::<T, R, W, false, false, { chain::SUB }>(t, x, (i, j), before, &mut sum);
-            }
-            kind::UPPER => {
-                let after = (i + R, n);
-                accumulate::<T, R, W, false, false, { chain::SUB_DOWN }>(
-                    t,
-                    x,
-                    (i, j),
-                    after,
-                    &mut sum,
-                );
-            }
-            _ => {
-                let after = (i + R, n);
-                accumulate::<T, R, W, true, false, { chain::SUB_DOWN }>(
-                    t,
-                    x,
-                    (i, j),
-                    after,
-                    &mut sum,
-                );
-            }
+    fn tile<const R: usize, const W: usize>(
+        &mut self,
+        i: usize,
+        j: usize,
+        block: &[[T; R]; R],
+        inverse: &[T; R],
+    ) {
+        let x = self.x.view();
+        let mut sum = x.load::<R, W>(i, j);
+        if Self::FALLING {
+            let after = (i + R, self.n.get());
+            accumulate::<_, R, W, { chain::SUB_DOWN }>(self.t, x, (i, j), after, &mut sum);
+        } else {
+            accumulate::<_, R, W, { chain::SUB }>(self.t, x, (i, j), (0, i), &mut sum);
         }
         for step in 0..R {
             let row = if Self::FALLING { R - 1 - step } else { step };
             for back in 0..step {
                 let p = if Self::FALLING { R - 1 - back } else { back };
-                let factor = self.entry(i + row, i + p);
                 for s in 0..W {
-                    sum[row][s] = factor.neg_mul_add(sum[p][s], sum[row][s]);
+                    sum[row][s] = block[row][p].neg_mul_add(sum[p][s], sum[row][s]);
                 }
             }
             if KIND != kind::LOWER_UNIT {
@@ -156,7 +166,7 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
                 }
             }
         }
-        tile::store(&sum, self.x, r, (i, j));
+        self.x.store(&sum, (i, j));
     }
 }
 
@@ -176,25 +186,6 @@ impl<T: Real, N: Dim, C: Dim, const KIND: u8> LaneKernel<T> for Triangular<'_, T
             }
         }
         self.all();
-    }
-}
-
-impl<T: Real, N: Dim, C: Dim, const KIND: u8> Triangular<'_, T, N, C, KIND> {
-    /// The same with a size that the compiler sees.
-    #[inline(always)]
-    fn fixed<const S: usize>(self) {
-        // Of no effect but to let bounds checks go.
-        let t = &self.t[..S * S];
-        Triangular::<T, _, _, KIND> { n: Const::<S>, r: self.r, t, x: self.x }.all();
-    }
-
-    #[inline(always)]
-    fn all(mut self) {
-        match T::TILE {
-            4 => self.rows::<4, 4>(),
-            2 => self.rows::<2, 2>(),
-            _ => self.rows::<1, 1>(),
-        }
     }
 }
 

@@ -18,20 +18,30 @@
 //!
 //! Plants or models with ill-conditioned eigenvectors are left to the doubling.
 //!
-//! Models in lanes. Limited by multiply-adds and one division for each pair of
-//! eigenvalues.
+//! Plants in lanes up to their modes, then models in lanes. Limited by multiply-adds and
+//! one division for some two pairs of eigenvalues.
 
 mod modes;
+mod plants;
+mod spectrum;
 mod sums;
+#[cfg(test)]
+mod tests;
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use self::modes::{Modes, row_times};
+use self::plants::{Fill, Places, Sides, TOGETHER, Way};
 use self::sums::Sums;
+use crate::eip::batch::LoopBatch;
+use crate::eip::doubling::Doubling;
 use crate::eip::setup::PairModel;
-use crate::error::Result;
-use crate::model::LoopBlock;
+use crate::error::{Eigenvalue, Result};
 use crate::simd::{self, Block, LANES};
+
+/// How far off the values of another plant the search for eigenvalues starts, as a share
+/// of them: in all directions, so that two real ones can become a pair.
+const ASIDE: f64 = 0.02;
 
 /// The models as arrays over models, padded to whole lanes.
 pub(crate) struct Modal {
@@ -42,6 +52,12 @@ pub(crate) struct Modal {
     nu: usize,
     /// Modes kept of each model: one of each pair.
     kept: usize,
+    /// Where the eigenvalues of plants are looked for first.
+    start: Vec<(f64, f64)>,
+    /// `C` of all models, if they have the same.
+    shared_c: Option<Mat<f64>>,
+    /// Row by row `A` and `B` of all models, where they have the same.
+    shared_rows: Vec<Option<(Vec<f64>, Vec<f64>)>>,
     fields: Fields,
     /// Eight models after eight, each with its fields in lanes: the fields of one
     /// lane are read together, and lie together.
@@ -90,10 +106,12 @@ impl Fields {
 }
 
 impl Modal {
-    /// Diagonalises the models; `None` if one is ill-conditioned.
+    /// Diagonalises the models; `None` if one is ill-conditioned. `near` are the
+    /// eigenvalues of some plant of the grid.
     pub(crate) fn new<'m>(
         continuous: bool,
         models: impl Iterator<Item = &'m PairModel>,
+        near: &[Eigenvalue],
     ) -> Result<Option<Self>> {
         let models: Vec<&PairModel> = models.collect();
         let Some(first) = models.first() else { return Ok(None) };
@@ -108,8 +126,19 @@ impl Modal {
         let kept = modes.iter().map(|m| m.values.len()).max().unwrap_or(0);
         let slots = models.len().next_multiple_of(LANES);
         let fields = Fields::new(n, ny, nu);
-        let mut modal =
-            Self { continuous, n_models: models.len(), n, ny, nu, kept, fields, data: Vec::new() };
+        let mut modal = Self {
+            continuous,
+            n_models: models.len(),
+            n,
+            ny,
+            nu,
+            kept,
+            start: beside(near),
+            shared_c: models.iter().all(|m| m.C == first.C).then(|| first.C.clone()),
+            shared_rows: (0..n).map(|r| shared_row(&models, r)).collect(),
+            fields,
+            data: Vec::new(),
+        };
         modal.data = vec![Block::default(); modal.total() * slots / LANES];
         for slot in 0..slots {
             // padding repeats the last model
@@ -195,84 +224,46 @@ impl Modal {
         }
     }
 
-    /// Energies of one plant with all models, given its Gramian `x`; `None`
-    /// where the plant's eigenvectors are ill-conditioned.
+    /// Energies of the plants of `batch` with all models into `out`, NaN for a plant that
+    /// was not shown to be stable; returns those left to the doubling.
     pub(crate) fn energies(
         &self,
-        block: &LoopBlock,
-        x: MatRef<'_, f64>,
-    ) -> Result<Option<Vec<f64>>> {
-        let Some(modes) = Modes::new(block.A.as_ref())? else { return Ok(None) };
-        let rank = self.ny + self.nu;
-        let d = Mat::from_fn(rank, block.nw(), |i, j| {
-            if i < self.ny { block.Dy[(i, j)] } else { block.Du[(i - self.ny, j)] }
-        });
-        let eb = block.B.submatrix(0, 0, self.n, block.nw());
-        let plant = PlantSide {
-            modes: plant_modes(&modes, self.continuous, block, x, eb, &d),
-            ebb: eb * eb.transpose(),
-            ebd: eb * d.transpose(),
-            dd: &d * d.transpose(),
-        };
-        let mut out = vec![0.0; self.n_models];
-        simd::dispatch(Sums { modal: self, block, x, plant: &plant, out: &mut out });
-        Ok(Some(out))
+        doubling: &Doubling,
+        batch: &LoopBatch,
+        out: &mut Vec<f64>,
+    ) -> Vec<usize> {
+        out.clear();
+        out.resize(batch.len() * self.n_models, f64::NAN);
+        let places = Places::new(batch.shape, self.n);
+        let mut sides = Sides { places, ways: Vec::new(), data: Vec::new() };
+        let mut left = Vec::new();
+        for (k, out) in out.chunks_mut(TOGETHER * self.n_models).enumerate() {
+            let first = k * TOGETHER;
+            simd::dispatch(Fill { modal: self, doubling, batch, first, sides: &mut sides });
+            simd::dispatch(Sums { modal: self, sides: &sides, out });
+            let ways = sides.ways.iter().enumerate();
+            left.extend(ways.filter(|(_, way)| **way == Way::Doubling).map(|(k, _)| first + k));
+        }
+        left
     }
 }
 
-/// What a plant brings to every pair.
-struct PlantSide {
-    modes: Vec<PlantMode>,
-    ebb: Mat<f64>,
-    ebd: Mat<f64>,
-    dd: Mat<f64>,
+/// Points near the eigenvalues of a plant, none of them on the real line.
+fn beside(values: &[Eigenvalue]) -> Vec<(f64, f64)> {
+    let size = values.iter().map(|v| v.re.hypot(v.im)).fold(0.0, f64::max).max(f64::MIN_POSITIVE);
+    let mut points = Vec::with_capacity(values.len());
+    for (k, v) in values.iter().enumerate() {
+        let reach = ASIDE * v.re.hypot(v.im).max(1e-3 * size);
+        let (sin, cos) = libm::sincos(1.0 + 2.4 * k as f64);
+        points.push((v.re + reach * cos, v.im + reach * sin));
+    }
+    points
 }
 
-/// One mode of the plant; of a pair one member stands for both.
-struct PlantMode {
-    value: (f64, f64),
-    paired: bool,
-    /// Column of `V`.
-    v: Vec<(f64, f64)>,
-    /// Row of `V^-1 X` (discrete time: of `V^-1 A X`).
-    vx: Vec<(f64, f64)>,
-    /// Row of `V^-1 B (E B)'`.
-    eb: Vec<(f64, f64)>,
-    /// Row of `-V^-1 B D'`.
-    bd: Vec<(f64, f64)>,
-}
-
-fn plant_modes(
-    modes: &Modes,
-    continuous: bool,
-    block: &LoopBlock,
-    x: MatRef<'_, f64>,
-    eb: MatRef<'_, f64>,
-    d: &Mat<f64>,
-) -> Vec<PlantMode> {
-    let beb = &block.B * eb.transpose();
-    let bd = &block.B * d.transpose();
-    let rows = |left: &[(f64, f64)], m: MatRef<'_, f64>| -> Vec<(f64, f64)> {
-        (0..m.ncols()).map(|c| row_times(left, m, c)).collect()
-    };
-    (0..modes.values.len())
-        .map(|k| {
-            let (re, im) = modes.values[k];
-            let left = &modes.left[k];
-            let mut vx = rows(left, x);
-            if !continuous {
-                for v in &mut vx {
-                    *v = (v.0 * re - v.1 * im, v.0 * im + v.1 * re);
-                }
-            }
-            PlantMode {
-                value: (re, im),
-                paired: im != 0.0,
-                v: modes.right[k].clone(),
-                vx,
-                eb: rows(left, beb.as_ref()),
-                bd: rows(left, bd.as_ref()).into_iter().map(|(re, im)| (-re, -im)).collect(),
-            }
-        })
-        .collect()
+/// Row `r` of `A` and `B` if all models have the same.
+fn shared_row(models: &[&PairModel], r: usize) -> Option<(Vec<f64>, Vec<f64>)> {
+    let row = |m: &Mat<f64>| -> Vec<f64> { (0..m.ncols()).map(|j| m[(r, j)]).collect() };
+    let of = |m: &PairModel| (row(&m.A), row(&m.B));
+    let first = of(models.first()?);
+    models.iter().all(|m| of(m) == first).then_some(first)
 }

@@ -1,13 +1,10 @@
-//! Eigenvalues and eigenvectors of a plant or a model, scaled and judged.
+//! Eigenvalues and eigenvectors of a model, scaled and judged.
 
 use faer::{Mat, MatRef};
 
+use super::spectrum::CONDITION;
 use crate::error::Result;
 use crate::solve::backend;
-
-/// Largest condition number of an eigenvalue that is accepted; those of plant
-/// and model multiply.
-const CONDITION: f64 = 3e3;
 
 /// Eigenvalues with scaled eigenvectors: `left[j]` is row `j` of `V^-1`.
 pub(super) struct Modes {

@@ -6,6 +6,8 @@
 
 use super::ops::outlined;
 use crate::real::Real;
+use crate::simd::{Grid, GridMut, Walk};
+use crate::small::{grid, grid_mut};
 
 /// A matrix held as an unevaluated sum, `hi + lo`; `lo` may be empty for zero.
 #[derive(Clone, Copy)]
@@ -52,150 +54,162 @@ outlined! {
     /// ```
     pub(crate) fn mul_add_two(form: Form, sign: f64, a: Pair<'a, T>, b: Pair<'a, T>, c: PairMut<'a, T>, size: [usize; 3]) {
         let [rows, depth, cols] = size;
-        let steps = if form == Form::Plain { [depth, 1] } else { [1, rows] };
-        let (c_hi, c_lo) = (&mut c.hi[..rows * cols], &mut c.lo[..rows * cols]);
-        let sign = T::splat(sign);
+        let (transposed, of_a) = match form {
+            Form::Plain => (false, [rows, depth]),
+            Form::LeftTransposed => (true, [depth, rows]),
+        };
+        // where there is no low part the high one stands in its place, and is not read
+        let low = [if a.lo.is_empty() { a.hi } else { a.lo }, if b.lo.is_empty() { b.hi } else { b.lo }];
+        let (left, left_low) = (grid(a.hi, of_a), grid(low[0], of_a));
+        let of_b = [depth, cols];
+        let mut sum = Sum {
+            sign: T::splat(sign),
+            depth,
+            a: if transposed { [left.t(), left_low.t()] } else { [left, left_low] },
+            b: [grid(b.hi, of_b), grid(low[1], of_b)],
+            has_low: [!a.lo.is_empty(), !b.lo.is_empty()],
+            c: [grid_mut(c.hi, [rows, cols]), grid_mut(c.lo, [rows, cols])],
+        };
         let mut j = 0;
         while j + 4 <= cols {
-            column::<T, 4>(sign, a, b, [&mut *c_hi, &mut *c_lo], [j, rows, depth, cols], steps);
+            sum.columns::<4>(rows, j);
             j += 4;
         }
         while j < cols {
-            column::<T, 1>(sign, a, b, [&mut *c_hi, &mut *c_lo], [j, rows, depth, cols], steps);
+            sum.columns::<1>(rows, j);
             j += 1;
         }
     }
 }
 
-/// Columns `j..j + W` of the product.
-#[inline(always)]
-fn column<T: Real, const W: usize>(
+/// A product in twice the precision.
+struct Sum<'a, T> {
     sign: T,
-    a: Pair<'_, T>,
-    b: Pair<'_, T>,
-    [c_hi, c_lo]: [&mut [T]; 2],
-    [j, rows, depth, cols]: [usize; 4],
-    steps: [usize; 2],
-) {
-    // Numbers that carry twice the digits themselves have no such anchor.
-    if T::EPSILON < f64::EPSILON {
+    depth: usize,
+    /// High and low.
+    a: [Grid<'a, T>; 2],
+    b: [Grid<'a, T>; 2],
+    has_low: [bool; 2],
+    c: [GridMut<'a, T>; 2],
+}
+
+impl<T: Real> Sum<'_, T> {
+    /// Numbers that carry twice the digits themselves have no anchor.
+    const ANCHORED: bool = T::EPSILON == f64::EPSILON;
+
+    /// Columns `j..j + W` of all rows.
+    #[inline(always)]
+    fn columns<const W: usize>(&mut self, rows: usize, j: usize) {
+        let mut largest = [T::zero(); W];
+        if Self::ANCHORED {
+            for k in 0..self.depth {
+                let [row] = self.b[0].load::<1, W>(k, j);
+                for w in 0..W {
+                    largest[w] = largest[w].max(row[w].abs());
+                }
+            }
+        }
         for i in 0..rows {
-            let at = [i, j, depth, cols];
-            strip::<T, W>(sign, a, b, [&mut *c_hi, &mut *c_lo], at, steps);
+            let at = (i, j);
+            let ([mut hi], [mut lo]) = (self.c[0].view().load(i, j), self.c[1].view().load(i, j));
+            if Self::ANCHORED {
+                self.beside_anchors::<W>(at, &largest, &mut hi, &mut lo);
+            } else {
+                self.plain::<W>(at, &mut hi, &mut lo);
+            }
+            if self.has_low[0] {
+                self.low::<W>(self.a[1], self.b[0], at, &mut lo);
+            }
+            if self.has_low[1] {
+                self.low::<W>(self.a[0], self.b[1], at, &mut lo);
+            }
+            for w in 0..W {
+                (hi[w], lo[w]) = two_sum(hi[w], lo[w]);
+            }
+            self.c[0].store(&[hi], at);
+            self.c[1].store(&[lo], at);
         }
-        return;
     }
-    let mut largest = [T::zero(); W];
-    for k in 0..depth {
-        let row = &b.hi[k * cols + j..][..W];
-        for w in 0..W {
-            largest[w] = largest[w].max(row[w].abs());
-        }
-    }
-    for i in 0..rows {
-        let at = [i, j, depth, cols];
-        anchored::<T, W>(sign, a, b, [&mut *c_hi, &mut *c_lo], at, steps, largest);
-    }
-}
 
-/// As [`strip`], with fewer operations: sums run beside an anchor `s` that is
-/// four times what they can reach, so that what a step adds to `hi` is known
-/// exactly, and what it leaves goes to `lo` (after Rump, Ogita, Oishi 2008).
-///
-/// ```text
-/// s = 4 (|c| + sum |a| max|b|):   t = fl(hi + a b),  lo += a b - (t - hi),  hi = t
-/// ```
-#[inline(always)]
-fn anchored<T: Real, const W: usize>(
-    sign: T,
-    a: Pair<'_, T>,
-    b: Pair<'_, T>,
-    [c_hi, c_lo]: [&mut [T]; 2],
-    [i, j, depth, cols]: [usize; 4],
-    [step_i, step_k]: [usize; 2],
-    largest: [T; W],
-) {
-    let at = i * cols + j;
-    let mut size = T::zero();
-    for k in 0..depth {
-        size = size + a.hi[i * step_i + k * step_k].abs();
-    }
-    let mut anchor = [T::zero(); W];
-    let (mut hi, mut lo) = ([T::zero(); W], [T::zero(); W]);
-    for w in 0..W {
-        let c = c_hi[at + w];
-        anchor[w] = T::splat(4.0) * size.mul_add(largest[w], c.abs());
-        hi[w] = anchor[w] + c;
-        lo[w] = c_lo[at + w] + (c - (hi[w] - anchor[w]));
-    }
-    for k in 0..depth {
-        let x = sign * a.hi[i * step_i + k * step_k];
-        let row = &b.hi[k * cols + j..][..W];
-        for w in 0..W {
-            let next = x.mul_add(row[w], hi[w]);
-            lo[w] = lo[w] + x.mul_sub(row[w], next - hi[w]);
-            hi[w] = next;
-        }
-        if !a.lo.is_empty() {
-            let x = sign * a.lo[i * step_i + k * step_k];
+    /// `lo += sign A B`.
+    #[inline(always)]
+    fn low<const W: usize>(
+        &self,
+        a: Grid<'_, T>,
+        b: Grid<'_, T>,
+        at: (usize, usize),
+        lo: &mut [T; W],
+    ) {
+        let mut walk = Walk::<T, T, 1, W>::new::<false>(a, b, at, (0, self.depth));
+        let (mut x, mut row, mut sum) = ([T::zero()], [T::zero(); W], *lo);
+        while walk.step(&mut x, &mut row) {
+            let x = self.sign * x[0];
             for w in 0..W {
-                lo[w] = x.mul_add(row[w], lo[w]);
+                sum[w] = x.mul_add(row[w], sum[w]);
             }
         }
-        if !b.lo.is_empty() {
-            let row = &b.lo[k * cols + j..][..W];
-            for w in 0..W {
-                lo[w] = x.mul_add(row[w], lo[w]);
-            }
-        }
+        *lo = sum;
     }
-    for w in 0..W {
-        let (s, f) = two_sum(hi[w] - anchor[w], lo[w]);
-        c_hi[at + w] = s;
-        c_lo[at + w] = f;
-    }
-}
 
-/// `W` neighbouring entries of one row of the product.
-#[inline(always)]
-fn strip<T: Real, const W: usize>(
-    sign: T,
-    a: Pair<'_, T>,
-    b: Pair<'_, T>,
-    [c_hi, c_lo]: [&mut [T]; 2],
-    [i, j, depth, cols]: [usize; 4],
-    [step_i, step_k]: [usize; 2],
-) {
-    let at = i * cols + j;
-    let mut hi: [T; W] = std::array::from_fn(|w| c_hi[at + w]);
-    let mut lo: [T; W] = std::array::from_fn(|w| c_lo[at + w]);
-    for k in 0..depth {
-        let x = sign * a.hi[i * step_i + k * step_k];
-        let row = &b.hi[k * cols + j..][..W];
+    /// As [`Sum::plain`], with fewer operations: sums run beside an anchor `s` that is
+    /// four times what they can reach, so that what a step adds to `hi` is known
+    /// exactly, and what it leaves goes to `lo` (after Rump, Ogita, Oishi 2008).
+    ///
+    /// ```text
+    /// s = 4 (|c| + sum |a| max|b|):   t = fl(hi + a b),  lo += a b - (t - hi),  hi = t
+    /// ```
+    #[inline(always)]
+    fn beside_anchors<const W: usize>(
+        &self,
+        at: (usize, usize),
+        largest: &[T; W],
+        out_hi: &mut [T; W],
+        out_lo: &mut [T; W],
+    ) {
+        let mut size = T::zero();
+        for k in 0..self.depth {
+            size = size + self.a[0].at(at.0, k).abs();
+        }
+        let (mut hi, mut lo) = (*out_hi, *out_lo);
+        let mut anchor = [T::zero(); W];
         for w in 0..W {
-            let p = x * row[w];
-            let e = x.mul_sub(row[w], p);
-            let (s, f) = two_sum(hi[w], p);
-            hi[w] = s;
-            lo[w] = lo[w] + (e + f);
+            let c = hi[w];
+            anchor[w] = T::splat(4.0) * size.mul_add(largest[w], c.abs());
+            hi[w] = anchor[w] + c;
+            lo[w] = lo[w] + (c - (hi[w] - anchor[w]));
         }
-        if !a.lo.is_empty() {
-            let x = sign * a.lo[i * step_i + k * step_k];
+        let mut walk = Walk::<T, T, 1, W>::new::<false>(self.a[0], self.b[0], at, (0, self.depth));
+        let (mut x, mut row) = ([T::zero()], [T::zero(); W]);
+        while walk.step(&mut x, &mut row) {
+            let x = self.sign * x[0];
             for w in 0..W {
-                lo[w] = x.mul_add(row[w], lo[w]);
+                let next = x.mul_add(row[w], hi[w]);
+                lo[w] = lo[w] + x.mul_sub(row[w], next - hi[w]);
+                hi[w] = next;
             }
         }
-        if !b.lo.is_empty() {
-            let row = &b.lo[k * cols + j..][..W];
-            for w in 0..W {
-                lo[w] = x.mul_add(row[w], lo[w]);
-            }
+        for w in 0..W {
+            (out_hi[w], out_lo[w]) = (hi[w] - anchor[w], lo[w]);
         }
     }
-    for w in 0..W {
-        let (s, f) = two_sum(hi[w], lo[w]);
-        c_hi[at + w] = s;
-        c_lo[at + w] = f;
+
+    /// `hi + lo += sign A B` of the high parts.
+    #[inline(always)]
+    fn plain<const W: usize>(&self, at: (usize, usize), out_hi: &mut [T; W], out_lo: &mut [T; W]) {
+        let mut walk = Walk::<T, T, 1, W>::new::<false>(self.a[0], self.b[0], at, (0, self.depth));
+        let (mut x, mut row) = ([T::zero()], [T::zero(); W]);
+        let (mut hi, mut lo) = (*out_hi, *out_lo);
+        while walk.step(&mut x, &mut row) {
+            let x = self.sign * x[0];
+            for w in 0..W {
+                let p = x * row[w];
+                let e = x.mul_sub(row[w], p);
+                let (s, f) = two_sum(hi[w], p);
+                hi[w] = s;
+                lo[w] = lo[w] + (e + f);
+            }
+        }
+        (*out_hi, *out_lo) = (hi, lo);
     }
 }
 

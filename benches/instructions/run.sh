@@ -39,7 +39,7 @@ count() {
 }
 
 if [ "${1:-}" = --store ]; then
-    cases=$("$program" --list | grep -vE "_nobound|_loop")
+    cases=$("$program" --list | grep -vE "_nobound|_loop|_N256")
     {
         echo "# $compiler"
         for case in $cases; do

@@ -16,6 +16,7 @@ mod modal;
 mod penalty;
 mod place;
 mod quadrature;
+mod rates;
 mod refine;
 mod result;
 mod robust;

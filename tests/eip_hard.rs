@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use mmae::eip::{Bank, Case, Convention, EipSets, Study, Verify};
+use mmae::eip::{Bank, Case, Convention, EipSets, Method, Study, Verify};
 use mmae::error::Error;
 use mmae::model::{Axis, FnFamily, Grid, Names, Plant, Time, systems};
 use mmae::observer::ObserverKind;
 use mmae::par::RunControl;
-use mmae::{mat, model::Family};
+use mmae::{Mat, mat, model::Family};
 
 fn run(study: &Study) -> EipSets {
     study.run(&RunControl::default()).unwrap()
@@ -276,4 +276,47 @@ fn many_boundaries_on_any_threads_with_rising_progress() {
     assert!(seen.windows(2).all(|w| w[0].0 < w[1].0 && w[0].1 == w[1].1), "{seen:?}");
     let (last, total) = *seen.last().unwrap();
     assert!(last == total && total > 65, "{last} of {total}");
+}
+
+#[test]
+fn boundaries_where_upsilon_is_negative() {
+    // small noise: 1/2 ln det S makes every Upsilon negative; beyond 0.83 nothing can be built
+    let family = FnFamily::new(
+        &[("a", 0.5)],
+        Names::numbered(1, 0, 1, 1),
+        Time::Discrete { dt: 1.0 },
+        |theta| {
+            if theta[0] > 0.83 {
+                return Err(Error::Empty { what: "plant".into() });
+            }
+            Ok(Plant {
+                time: Time::Discrete { dt: 1.0 },
+                A: mat![[theta[0]]],
+                B: Mat::zeros(1, 0),
+                G: mat![[1.0]],
+                C: mat![[1.0]],
+                Q: mat![[1e-4]],
+                R: mat![[1e-4]],
+            })
+        },
+    );
+    let bank = Bank::along(ObserverKind::Kalman, "a", &[0.2, 0.4, 0.6, 0.8]);
+    let grid = Grid::linear("a", 0.1, 0.95, 18).unwrap();
+    let mut study = Study::new(Arc::new(family), bank, grid);
+    study.verify = Verify::None;
+    let by = |method: Method, study: &mut Study| {
+        study.method = Some(method);
+        study.run(&RunControl::default()).unwrap()
+    };
+    let (doubling, modal) = (by(Method::Doubling, &mut study), by(Method::Modal, &mut study));
+    assert_eq!(modal.method, Method::Modal);
+    let (doubling, modal) = (&doubling.cases[0], &modal.cases[0]);
+    assert!(modal.upsilon.iter().any(|u| *u < 0.0));
+    assert_eq!(modal.winner, doubling.winner);
+    assert_eq!(modal.boundaries.len(), 3);
+    for (m, d) in modal.boundaries.iter().zip(&doubling.boundaries) {
+        assert!((m.value - d.value).abs() < 1e-9 && (m.left, m.right) == (d.left, d.right));
+    }
+    let failed = &modal.failed_intervals[0];
+    assert!((failed.from - 0.83).abs() < 1e-9, "{failed:?}");
 }

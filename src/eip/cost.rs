@@ -8,7 +8,8 @@ const DOUBLINGS: f64 = 9.0;
 /// order: its eigenvalues and vectors. Measured, as [`MODAL_PAIR`], on the pendulum
 /// (orders 9 and 5) and on two oscillators (4 and 4) with 2 to 64 models by each method
 /// (AVX2): 6.7 and 1.7 us more a plant, 0.7 and 0.2 us a pair by doubling (21 and 14
-/// Gflop/s), 0.14 and 0.06 us by the modal form. They break even near 12 models.
+/// Gflop/s), 0.14 and 0.06 us by the modal form. They break even near 12 and 10
+/// models, by these constants at 18 and 10.
 const MODAL_PLANT: f64 = 300.0;
 /// Cost of one pair of eigenvalues in the modal form, in flops of the lane
 /// kernels: the division, and what is done for each pair besides.

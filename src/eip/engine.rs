@@ -26,7 +26,7 @@ const DECAYS: f64 = 1e-9;
 const UNPROVED: f64 = 1e-6;
 
 /// A model whose Upsilon is within this share of the smallest may be the one that has it:
-/// the separable form is good to 1e-9 and better.
+/// the separable form is good to 1e-9 as a rule.
 const CONTENDS: f64 = 1e-5;
 
 /// Upsilon of every model, NaN for those without one, or why there is none.
@@ -223,7 +223,9 @@ impl<'a> Engine<'a> {
             let least = self.designed.iter().fold(f64::INFINITY, |least, &i| least.min(row[i]));
             let mut close = self.designed.clone();
             close.retain(|&i| {
-                let far = row[i] > (1.0 + CONTENDS) * least; // false for NaN
+                // beside the energies, which an offset may nearly cancel; false for NaN
+                let size = least.abs() + self.offsets[i].abs() * self.setup.scale();
+                let far = row[i] - least > CONTENDS * size;
                 !far || wanted.contains(&i)
             });
             return Ok(first(self.accurate_rows(&thetas, &close)?).map(|accurate| {

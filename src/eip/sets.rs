@@ -66,7 +66,8 @@ pub(crate) fn margin(row: &[f64], winner: usize, duplicate_of: &[Option<usize>])
     let of = |i: usize| duplicate_of[i].unwrap_or(i);
     let own = of(winner);
     let next = least(row.len(), |i| if of(i) == own { f64::NAN } else { row[i] });
-    if next.is_nan() { f64::INFINITY } else { next - row[winner] }
+    let margin = next - row[winner];
+    if margin.is_nan() { f64::INFINITY } else { margin }
 }
 
 /// True if two models have the same observer.

@@ -79,6 +79,7 @@ impl<'a, E: Copy> Grid<'a, E> {
 #[inline(always)]
 #[track_caller]
 fn inside<const N: usize>(first: usize, count: usize) {
+    const { assert!(N > 0) };
     assert!(count.checked_sub(N).is_some_and(|last| first <= last), "grid: tile outside");
 }
 
@@ -151,7 +152,8 @@ impl<E: Copy, const N: usize> Side<E, N> {
         inside::<N>(first, m.rows);
         assert!(high <= m.cols, "grid: walk outside");
         let start = if falling { high.wrapping_sub(1) } else { low };
-        let at = m.at.wrapping_add(first * m.down).wrapping_add(start.wrapping_mul(m.right));
+        let at =
+            m.at.wrapping_add(first.wrapping_mul(m.down)).wrapping_add(start.wrapping_mul(m.right));
         // A slice is at most isize::MAX bytes long, and a step within it (if there is one).
         let along = m.right as isize;
         Side { at, down: m.down, along: if falling { along.wrapping_neg() } else { along } }

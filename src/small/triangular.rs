@@ -194,7 +194,7 @@ macro_rules! solves {
     ($($name:ident $kind:ident $doc:literal;)*) => {$(
         #[doc = $doc]
         ///
-        /// The other triangle is not read. A zero on the diagonal gives
+        /// The other triangle has no effect. A zero on the diagonal gives
         /// infinities or NaN. Panics unless `t.len() == n * n` and
         /// `x.len() == n * r`.
         #[inline(always)]

@@ -137,7 +137,7 @@ impl Kernel for Fill<'_> {
             for l in 0..count {
                 sides.ways.push(if !stable.lane(l) {
                     Way::Nothing
-                } else if good.lane(l) && is_paired(&spectrum.values, l) {
+                } else if good.lane(l) {
                     Way::Modes
                 } else {
                     Way::Doubling
@@ -154,17 +154,6 @@ impl Kernel for Fill<'_> {
             }
         }
     }
-}
-
-/// Whether lane `l` has as many roots above the real line as below.
-#[inline(always)]
-fn is_paired<T: Real>(values: &[Cx<T>], l: usize) -> bool {
-    let mut excess = 0;
-    for z in values {
-        let im = z.im.lane(l);
-        excess += i32::from(im > 0.0) - i32::from(im < 0.0);
-    }
-    excess == 0
 }
 
 #[inline(always)]

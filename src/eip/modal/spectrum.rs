@@ -103,9 +103,14 @@ impl<T: Real> Spectrum<T> {
             good = good & self.vectors(k);
         }
         self.pair_up();
-        good = good & self.check();
         for k in 0..self.n {
-            self.tidy(k, least);
+            self.classify(k, least);
+        }
+        good = good & self.check();
+        self.unscale();
+        for i in 0..self.n {
+            // beyond it the powers of two of the balance are not normal numbers
+            good = good & self.scale[i].abs().le(T::splat(500.0));
         }
         good
     }
@@ -406,38 +411,43 @@ impl<T: Real> Spectrum<T> {
         std::mem::swap(&mut self.left, &mut self.next);
     }
 
-    /// Whether values and vectors give the identity and `A_s` again.
+    /// Whether values and vectors give the identity and `A_s` again, as they are used: a
+    /// real mode once, of a pair the upper member for both.
     #[inline(always)]
-    fn check(&self) -> T::Mask {
+    fn check(&mut self) -> T::Mask {
         let n = self.n;
+        for k in 0..n {
+            let im = self.values[k].im;
+            let one = T::select(im.eq(T::zero()), T::one(), T::zero());
+            self.v[k] = T::select(im.gt(T::zero()), T::splat(2.0), one);
+        }
         let (mut of_one, mut of_a, mut size) = (T::zero(), T::zero(), T::zero());
         let mut good = T::Mask::splat(true);
         for i in 0..n {
             for j in 0..n {
-                let (mut one, mut a) = (Cx::zero(), Cx::zero());
-                for k in 0..n {
-                    let x = self.right[k * n + i];
-                    one = x.mul_add(self.left[k * n + j], one);
-                    a = (x * self.values[k]).mul_add(self.left[k * n + j], a);
-                }
+                let (mut one, mut a) = (T::zero(), -self.a[i * n + j]);
                 if i == j {
-                    one.re = one.re - T::one();
+                    one = -T::one();
                 }
-                a.re = a.re - self.a[i * n + j];
-                of_one = one.abs1().max(of_one);
-                of_a = a.abs1().max(of_a);
+                for k in 0..n {
+                    let part = self.right[k * n + i] * self.left[k * n + j];
+                    one = part.re.mul_add(self.v[k], one);
+                    a = (part * self.values[k]).re.mul_add(self.v[k], a);
+                }
+                of_one = one.abs().max(of_one);
+                of_a = a.abs().max(of_a);
                 size = self.a[i * n + j].abs().max(size);
                 // the maximum passes over what is not a number
-                good = good & one.abs1().is_finite() & a.abs1().is_finite();
+                good = good & one.is_finite() & a.is_finite();
             }
         }
         let allowed = T::splat(ALLOWED);
         good & of_one.le(allowed) & of_a.le(allowed * size)
     }
 
-    /// Makes the vectors of a real eigenvalue real, and takes the balance out of all.
+    /// Makes an eigenvalue that is real to rounding real, and its vectors.
     #[inline(always)]
-    fn tidy(&mut self, k: usize, least: T) {
+    fn classify(&mut self, k: usize, least: T) {
         let n = self.n;
         let (right, left) = (&mut self.right[k * n..][..n], &mut self.left[k * n..][..n]);
         let value = self.values[k];
@@ -451,12 +461,24 @@ impl<T: Real> Spectrum<T> {
         }
         let back = reciprocal(turn);
         for i in 0..n {
-            let (up, down) = (T::pow2i(self.scale[i]), T::pow2i(-self.scale[i]));
             let (x, u) = (right[i] * back, left[i] * turn);
-            right[i] = Cx::select(real, Cx::real(x.re), right[i]).scale(up);
-            left[i] = Cx::select(real, Cx::real(u.re), left[i]).scale(down);
+            right[i] = Cx::select(real, Cx::real(x.re), right[i]);
+            left[i] = Cx::select(real, Cx::real(u.re), left[i]);
         }
         self.values[k].im = T::select(real, T::zero(), value.im);
+    }
+
+    /// Takes the balance out of the vectors.
+    #[inline(always)]
+    fn unscale(&mut self) {
+        let n = self.n;
+        for i in 0..n {
+            let (up, down) = (T::pow2i(self.scale[i]), T::pow2i(-self.scale[i]));
+            for k in 0..n {
+                self.right[k * n + i] = self.right[k * n + i].scale(up);
+                self.left[k * n + i] = self.left[k * n + i].scale(down);
+            }
+        }
     }
 }
 

@@ -69,7 +69,20 @@ fn problem(n: usize, seed: u64) -> ([Vec<f64>; LANES], Vec<(f64, f64)>) {
 fn values_and_vectors_give_the_matrix_again() {
     let mut refused = 0;
     for n in 1..=10 {
-        let (matrices, start) = problem(n, n as u64);
+        let (mut matrices, start) = problem(n, n as u64);
+        if n == 2 {
+            // slow real values far from normal, whose rounding has an imaginary part, and
+            // a slow pair
+            for (k, slow) in [1e-4, 1e-6, 1e-8].into_iter().enumerate() {
+                matrices[k + 1] = vec![
+                    0.5 - 2.75 * slow,
+                    0.5 + 1.75 * slow,
+                    -0.5 + 1.75 * slow,
+                    -0.5 - 2.75 * slow,
+                ];
+            }
+            matrices[4] = vec![-1e-9, 1e-8, -1e-8, -1e-9];
+        }
         let eight = Eight { n, matrices: &matrices, start: &start };
         let found = dispatch_on(Tier::best(), eight).unwrap();
         for (a, (good, numbers)) in matrices.iter().zip(found) {
@@ -84,9 +97,15 @@ fn values_and_vectors_give_the_matrix_again() {
                     let (mut one, mut back) = (0.0, 0.0);
                     for k in 0..n {
                         let ((v, vi), (u, ui)) = (z(n + k * n + i), z(n + n * n + k * n + j));
+                        // as it is used: of a pair the upper member for both
+                        let weight = match z(k).1 {
+                            im if im > 0.0 => 2.0,
+                            im if im < 0.0 => 0.0,
+                            _ => 1.0,
+                        };
                         let (product, cross) = (v * u - vi * ui, v * ui + vi * u);
-                        one += product;
-                        back += product * z(k).0 - cross * z(k).1;
+                        one += weight * product;
+                        back += weight * (product * z(k).0 - cross * z(k).1);
                     }
                     assert!((one - f64::from(u8::from(i == j))).abs() < 1e-8, "{n} {one}");
                     assert!((back - a[i * n + j]).abs() < 1e-9 * largest, "{n} {back}");
@@ -101,7 +120,7 @@ fn values_and_vectors_give_the_matrix_again() {
             }
         }
     }
-    assert!(refused <= 4, "{refused} of 80 random matrices were refused");
+    assert!(refused <= 7, "{refused} of 80 random matrices were refused");
 }
 
 #[test]

@@ -37,7 +37,8 @@ impl Method {
     }
 
     /// Flops of the search for one boundary: some six batches of eight plants
-    /// with two models, one with all of them.
+    /// with two models, one with all of them; all by doubling, as if the modal form did
+    /// not spare most of the last.
     pub(crate) fn flops_per_boundary(np: usize, n: usize, models: usize) -> f64 {
         let of = |models| 8.0 * Self::flops_per_plant(Method::Doubling, np, n, models);
         6.0 * of(models.min(2)) + of(models)

@@ -14,7 +14,9 @@
 //! common orders and register-tiled loops for all others; so a solver written
 //! with [`Dyn`] runs at the speed of fixed sizes, and need not be compiled once
 //! an order. `C = A B` for eight matrices in lanes (ns; AVX-512 on an AMD EPYC
-//! virtual machine that did other work too, best rounds, peak 112 to 117 GFLOP/s):
+//! virtual machine that did other work too, best rounds, peak 112 to 117 GFLOP/s;
+//! before commit 66bdaaac2079, since when tiles are checked once and order 8 is
+//! fixed inside, too):
 //!
 //! | order | tiled loops | one call, fixed order inside | unrolled at the call |
 //! |---|---|---|---|

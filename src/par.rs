@@ -107,16 +107,32 @@ pub fn try_map_chunks<R: Send>(
     chunk: usize,
     f: impl Fn(Range<usize>) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    // Chunks after a failed one are skipped, chunks before it never: the first
+    assert!(chunk > 0, "try_map_chunks: chunk must be positive");
+    let starts = (0..n_items).step_by(chunk);
+    let parts: Vec<_> = starts.map(|a| a..n_items.min(a + chunk)).collect();
+    try_map_parts(ctl, parts, Range::len, f)
+}
+
+/// As [`map_parts`] for an `f` that can fail: returns the error of the first
+/// part that has one, the same one for any number of threads.
+///
+/// # Errors
+/// What `f` returned, or [`Error::Cancelled`].
+pub fn try_map_parts<P: Send, R: Send>(
+    ctl: &RunControl<'_>,
+    parts: Vec<P>,
+    size: impl Fn(&P) -> usize,
+    f: impl Fn(P) -> Result<R> + Sync,
+) -> Result<Vec<R>> {
+    // Parts after a failed one are skipped, parts before it never: the first
     // error in order is always found.
     let failed = AtomicUsize::new(usize::MAX);
-    let out = map_chunks(ctl, n_items, chunk, |range| {
-        let start = range.start;
-        if failed.load(Ordering::Relaxed) < start {
+    let out = map_parts(ctl, parts, size, |index, part| {
+        if failed.load(Ordering::Relaxed) < index {
             return Err(Error::Cancelled);
         }
-        f(range).inspect_err(|_| {
-            failed.fetch_min(start, Ordering::Relaxed);
+        f(part).inspect_err(|_| {
+            failed.fetch_min(index, Ordering::Relaxed);
         })
     })?;
     out.into_iter().collect()

@@ -4,6 +4,7 @@ import bank
 import least_squares
 import numpy as np
 import scipy.linalg as sl
+import slicot
 from problems import C_K, LENGTHS, NOMINALS, THETA, closed_loop, pendulum, problems
 
 try:
@@ -133,4 +134,7 @@ def contenders(case):
     out = {"SciPy": in_a_loop(scipy_solver(kind), kind, int(n))}
     if slycot is not None:
         out["SLICOT"] = in_a_loop(slicot_solver(kind), kind, int(n))
+        lib = slicot.library(slycot)
+        if lib is not None:
+            out["SLICOT with its bound"] = in_a_loop(slicot.bounded_solver(lib, kind, int(n)), kind, int(n))
     return out

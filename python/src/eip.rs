@@ -80,6 +80,8 @@ fn pack(py: Python<'_>, sets: EipSets) -> PyResult<Bound<'_, PyDict>> {
     for (k, case) in sets.cases.iter().enumerate() {
         upsilon.extend_from_slice(&case.upsilon);
         error.extend_from_slice(&case.error);
+        // nothing where no error is known
+        error.resize(upsilon.len(), f64::NAN);
         winner.extend(case.winner.iter().map(|w| index(*w)));
         margin.extend_from_slice(&case.margin);
         let mut state = vec![0_i8; plants];

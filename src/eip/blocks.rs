@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use crate::eip::collect::Collector;
+use crate::eip::collect::{Seen, collect};
 use crate::eip::judge::Judge;
 use crate::eip::setup::Setup;
 use crate::eip::slabs::Slabs;
-use crate::eip::sparse::{self, Seen};
+use crate::eip::sparse;
 use crate::eip::{Case, Model, Study};
 use crate::error::{Error, Result};
 use crate::par::RunControl;
@@ -160,21 +160,15 @@ impl Blocks<'_> {
         let plants = self.plants(k);
         let (mut cases, mut computed) = (Vec::new(), Vec::new());
         for judge in &mut self.judges {
-            let seen: Vec<Seen> = if self.refine {
+            let all = if self.refine {
                 sparse::refine(judge, plants.start, &self.slabs.shape(k), control)?
             } else {
                 let all: Vec<usize> = plants.clone().collect();
-                judge.judge(&all, control)?.into_iter().map(Seen::Judged).collect()
+                judge.judge(&all, control)?.into()
             };
-            computed.push(seen.iter().map(|s| matches!(s, Seen::Judged(_))).collect());
-            let mut collector = Collector::new(judge, plants.start, plants.len());
-            for seen in seen {
-                match seen {
-                    Seen::Judged(judged) => collector.push(judged),
-                    Seen::Inferred(winner) => collector.infer(winner),
-                }
-            }
-            let (mut case, found) = collector.finish();
+            computed.push(all.seen.iter().map(|s| matches!(s, Seen::Judged(_))).collect());
+            let silent = RunControl { progress: None, ..*control };
+            let (mut case, found) = collect(judge, plants.start, all, &silent)?;
             (case.upsilon, case.error) = (found.upsilon, found.error);
             cases.push(case);
         }

@@ -1,9 +1,35 @@
-//! What a result says of each plant, one after the other.
+//! What a result says of each plant.
 
 use crate::eip::engine::Flaw;
-use crate::eip::judge::{Checked, Judge, Judged};
+use crate::eip::judge::{Judge, Judged, Judgement};
 use crate::eip::sets::{self, Verdict};
 use crate::eip::{Case, Doubt, Failed, Undecided, Unstable};
+use crate::error::Result;
+use crate::par::{RunControl, map_chunks};
+
+/// Plants of one chunk: about a millisecond of comparisons with many models.
+const CHUNK: usize = 1024;
+
+/// A plant of a grid.
+pub(crate) enum Seen {
+    /// Computed.
+    Judged(Judged),
+    /// The model of this index wins, as its neighbours say.
+    Inferred(usize),
+}
+
+/// A run of plants of the grid; Upsilon plants by models, NaN where there is none.
+pub(crate) struct All {
+    pub(crate) upsilon: Vec<f64>,
+    pub(crate) seen: Vec<Seen>,
+}
+
+impl From<Judgement> for All {
+    fn from(judgement: Judgement) -> Self {
+        let Judgement { upsilon, plants } = judgement;
+        All { upsilon, seen: plants.into_iter().map(Seen::Judged).collect() }
+    }
+}
 
 /// What is known of a run of plants of the grid.
 pub(crate) struct Plants {
@@ -13,6 +39,7 @@ pub(crate) struct Plants {
     pub(crate) by_frequency: Vec<bool>,
     /// Plants by models.
     pub(crate) upsilon: Vec<f64>,
+    /// The same, or nothing where no error is known.
     pub(crate) error: Vec<f64>,
 }
 
@@ -23,96 +50,85 @@ impl Plants {
     }
 }
 
-/// Takes plants in their order, gives verdicts.
-pub(crate) struct Collector<'b, 'a> {
-    judge: &'b Judge<'a>,
-    /// Index of the next plant on the grid.
-    next: usize,
-    case: Case,
-    plants: Plants,
+/// Gives the verdicts on the plants from plant `first` of the grid on. Upsilon and errors
+/// are in the second value, not in the case.
+///
+/// # Errors
+/// `Cancelled`.
+pub(crate) fn collect(
+    judge: &Judge<'_>,
+    first: usize,
+    all: All,
+    control: &RunControl<'_>,
+) -> Result<(Case, Plants)> {
+    let (engine, same) = (&judge.engine, &judge.same);
+    let (models, count) = (same.len(), all.seen.len());
+    let rows = |k: usize| &all.upsilon[k * models..][..models];
+    let one = |k: usize| match &all.seen[k] {
+        Seen::Judged(Ok(facts)) => {
+            let winner = sets::decide(rows(k), &facts.error, &engine.designed, same);
+            let margin = winner.as_ref().map_or(f64::NAN, |&w| sets::margin(rows(k), w, same));
+            Some((winner, margin))
+        }
+        _ => None,
+    };
+    let decided = map_chunks(control, count, CHUNK, |range| range.map(one).collect::<Vec<_>>())?;
+
+    let mut case = Case::empty(engine.delay, count, models);
+    let (mut verdicts, mut by_frequency) = (Vec::with_capacity(count), Vec::with_capacity(count));
+    let mut error = Vec::new();
+    for (k, (seen, decided)) in all.seen.into_iter().zip(decided.into_iter().flatten()).enumerate()
+    {
+        let plant = first + k;
+        let values = || judge.point(plant);
+        let mut replaced = 0;
+        let (verdict, margin) = match (seen, decided) {
+            (Seen::Inferred(winner), _) => (Verdict::Winner(winner), f64::NAN),
+            (Seen::Judged(Ok(facts)), decided) => {
+                if !facts.error.is_empty() {
+                    error.resize(count * models, f64::NAN);
+                    error[k * models..][..models].copy_from_slice(&facts.error);
+                }
+                case.route_difference = case.route_difference.max(facts.kept);
+                case.checked_pairs += facts.compared;
+                replaced = facts.replaced;
+                match decided {
+                    Some((Ok(winner), margin)) => (Verdict::Winner(winner), margin),
+                    Some((Err(doubt), _)) => {
+                        case.undecided.push(Undecided { plant, values: values(), doubt });
+                        (Verdict::Undecided, f64::NAN)
+                    }
+                    None => (Verdict::Undecided, f64::NAN),
+                }
+            }
+            (Seen::Judged(Err(flaw)), _) => (flawed(&mut case, judge, plant, flaw), f64::NAN),
+        };
+        case.replaced += replaced;
+        case.margin.push(margin);
+        case.winner.push(verdict.winner());
+        verdicts.push(verdict);
+        by_frequency.push(replaced > 0);
+    }
+    Ok((case, Plants { models, verdict: verdicts, by_frequency, upsilon: all.upsilon, error }))
 }
 
-impl<'b, 'a> Collector<'b, 'a> {
-    /// For `count` plants from plant `first` of the grid on.
-    pub(crate) fn new(judge: &'b Judge<'a>, first: usize, count: usize) -> Self {
-        let models = judge.same.len();
-        let plants = Plants {
-            models,
-            verdict: Vec::with_capacity(count),
-            by_frequency: Vec::with_capacity(count),
-            upsilon: Vec::with_capacity(count * models),
-            error: Vec::with_capacity(count * models),
-        };
-        Self { judge, next: first, case: Case::empty(judge.engine.delay, count, models), plants }
-    }
-
-    /// Takes the next plant.
-    pub(crate) fn push(&mut self, judged: Judged) {
-        let (case, plant) = (&mut self.case, self.next);
-        let (engine, same) = (&self.judge.engine, &self.judge.same);
-        let values = || self.judge.point(plant);
-        let undecided = |doubt| Undecided { plant, values: values(), doubt };
-        let (checked, verdict) = match judged {
-            Ok(checked) => {
-                let decided = sets::decide(&checked.row, &checked.error, &engine.designed, same);
-                let verdict = decided.map_or_else(
-                    |doubt| {
-                        case.undecided.push(undecided(doubt));
-                        Verdict::Undecided
-                    },
-                    Verdict::Winner,
-                );
-                (checked, verdict)
-            }
-            Err(flaw) => {
-                let verdict = match flaw {
-                    Flaw::Unstable(mode) => {
-                        let states = mode.states(Some(&engine.states));
-                        let mode = mode.eigenvalue;
-                        case.unstable.push(Unstable { plant, values: values(), mode, states });
-                        Verdict::Unstable
-                    }
-                    Flaw::Unbuilt(error) => {
-                        case.failed.push(Failed { plant, values: values(), error });
-                        Verdict::Failed
-                    }
-                    Flaw::Unknown => {
-                        let models = engine.designed.clone();
-                        case.undecided.push(undecided(Doubt::NoNumber { models }));
-                        Verdict::Undecided
-                    }
-                };
-                (Checked::unchecked(vec![f64::NAN; same.len()]), verdict)
-            }
-        };
-        let winner = verdict.winner();
-        case.margin.push(winner.map_or(f64::NAN, |w| sets::margin(&checked.row, w, same)));
-        case.route_difference = case.route_difference.max(checked.kept);
-        case.checked_pairs += checked.compared;
-        case.replaced += checked.replaced;
-        self.add(checked, verdict);
-    }
-
-    /// Takes the next plant as one that `winner` wins, without numbers.
-    pub(crate) fn infer(&mut self, winner: usize) {
-        self.case.margin.push(f64::NAN);
-        let row = vec![f64::NAN; self.judge.same.len()];
-        self.add(Checked::unchecked(row), Verdict::Winner(winner));
-    }
-
-    fn add(&mut self, checked: Checked, verdict: Verdict) {
-        self.case.winner.push(verdict.winner());
-        self.plants.verdict.push(verdict);
-        self.plants.by_frequency.push(checked.replaced > 0);
-        self.plants.upsilon.extend_from_slice(&checked.row);
-        self.plants.error.extend_from_slice(&checked.error);
-        // where none are known
-        self.plants.error.resize(self.plants.upsilon.len(), f64::NAN);
-        self.next += 1;
-    }
-
-    /// The case, Upsilon and errors still in the second value.
-    pub(crate) fn finish(self) -> (Case, Plants) {
-        (self.case, self.plants)
+/// Notes a plant without Upsilon.
+fn flawed(case: &mut Case, judge: &Judge<'_>, plant: usize, flaw: Flaw) -> Verdict {
+    let values = judge.point(plant);
+    match flaw {
+        Flaw::Unstable(mode) => {
+            let states = mode.states(Some(&judge.engine.states));
+            case.unstable.push(Unstable { plant, values, mode: mode.eigenvalue, states });
+            Verdict::Unstable
+        }
+        Flaw::Unbuilt(error) => {
+            case.failed.push(Failed { plant, values, error });
+            Verdict::Failed
+        }
+        Flaw::Unknown => {
+            let doubt = Doubt::NoNumber { models: judge.engine.designed.clone() };
+            case.undecided.push(Undecided { plant, values, doubt });
+            Verdict::Undecided
+        }
     }
 }

@@ -12,9 +12,11 @@ use crate::eip::doubling::Doubling;
 use crate::eip::frequency::Frequency;
 use crate::eip::modal::Modal;
 use crate::eip::rates::Rates;
+use crate::eip::sets;
 use crate::eip::setup::{PairModel, Setup};
 use crate::error::{Eigenvalue, Error, Result};
 use crate::model::{DelayForm, block_states};
+use crate::simd::LANES;
 use crate::small::Cx;
 use crate::solve::{Mode, backend, least_stable_mode};
 
@@ -31,6 +33,9 @@ const CONTENDS: f64 = 1e-5;
 
 /// Upsilon of every model, NaN for those without one, or why there is none.
 pub(crate) type Outcome = std::result::Result<Vec<f64>, Flaw>;
+
+/// Why a plant has no Upsilon, if it has none.
+pub(crate) type Found = std::result::Result<(), Flaw>;
 
 /// What keeps a plant from having any Upsilon.
 #[derive(Debug, Clone)]
@@ -180,15 +185,45 @@ impl<'a> Engine<'a> {
         })
     }
 
-    /// Upsilon of every model at parameter vectors `thetas`.
+    /// Upsilon of every model at parameter vectors `thetas`, into `out`, plants by models
+    /// (NaN where there is none).
     ///
     /// # Errors
     /// A mistake in the study; a plant that cannot be built is an outcome.
-    pub(crate) fn rows(&self, thetas: &[Vec<f64>]) -> Result<Vec<Outcome>> {
-        self.outcomes(thetas, &self.designed, |batch, energies| match &self.modal {
+    pub(crate) fn fill(&self, thetas: &[Vec<f64>], out: &mut [f64]) -> Result<Vec<Found>> {
+        self.outcomes(thetas, &self.designed, out, |batch, energies| match &self.modal {
             Some(modal) => self.modal_energies(modal, batch, energies),
             None => self.doubling.energies(batch, None, energies),
         })
+    }
+
+    /// [`Engine::fill`], a row each.
+    ///
+    /// # Errors
+    /// As [`Engine::fill`].
+    pub(crate) fn rows(&self, thetas: &[Vec<f64>]) -> Result<Vec<Outcome>> {
+        self.apart(thetas.len(), |out| self.fill(thetas, out))
+    }
+
+    /// True if a model that could be designed has no number in `row`.
+    pub(crate) fn lost(&self, row: &[f64]) -> bool {
+        if self.designed.len() == row.len() {
+            // in vectors: no way out in between
+            return row.iter().fold(false, |lost, u| lost | u.is_nan());
+        }
+        self.designed.iter().any(|&i| row[i].is_nan())
+    }
+
+    /// The rows that `fill` finds, one after the other.
+    fn apart(
+        &self,
+        plants: usize,
+        fill: impl FnOnce(&mut [f64]) -> Result<Vec<Found>>,
+    ) -> Result<Vec<Outcome>> {
+        let models = self.setup.pairs.len();
+        let mut all = vec![f64::NAN; plants * models];
+        let found = fill(&mut all)?.into_iter().zip(all.chunks(models));
+        Ok(found.map(|(found, row)| found.map(|()| row.to_vec())).collect())
     }
 
     /// Upsilon by doubling whatever the method, for boundaries: it keeps the
@@ -204,38 +239,57 @@ impl<'a> Engine<'a> {
         models: &[usize],
     ) -> Result<Vec<Outcome>> {
         let (designed, places) = self.places(models);
-        self.outcomes(thetas, &designed, |batch, energies| {
-            self.doubling.energies(batch, Some(&places), energies);
+        self.apart(thetas.len(), |out| {
+            self.outcomes(thetas, &designed, out, |batch, energies| {
+                self.doubling.energies(batch, Some(&places), energies);
+            })
         })
     }
 
-    /// Upsilon of every model at `theta`, by doubling for those of `wanted` and wherever
-    /// the smallest may be: the separable form is good enough to tell the others.
+    /// Upsilon of every model at parameter vectors `thetas`, by doubling for those of
+    /// `wanted` (one list a plant) and wherever the smallest may be: the separable form is
+    /// good enough to tell the others.
     ///
     /// # Errors
-    /// As [`Engine::rows`].
-    pub(crate) fn probe(&self, theta: Vec<f64>, wanted: &[usize]) -> Result<Outcome> {
-        let thetas = [theta];
-        let first = |rows: Vec<Outcome>| rows.into_iter().next().unwrap_or(Err(Flaw::Unknown));
-        if self.modal.is_some()
-            && let Ok(mut row) = first(self.rows(&thetas)?)
-        {
-            let least = self.designed.iter().fold(f64::INFINITY, |least, &i| least.min(row[i]));
-            let mut close = self.designed.clone();
+    /// As [`Engine::fill`].
+    pub(crate) fn probe(&self, thetas: &[Vec<f64>], wanted: &[&[usize]]) -> Result<Vec<Outcome>> {
+        if self.modal.is_none() {
+            return self.accurate_rows(thetas, &self.designed);
+        }
+        let mut outcomes = self.rows(thetas)?;
+        let groups = thetas.chunks(LANES).zip(wanted.chunks(LANES));
+        for ((thetas, wanted), outcomes) in groups.zip(outcomes.chunks_mut(LANES)) {
+            let close: Vec<Vec<usize>> =
+                outcomes.iter().zip(wanted).map(|(o, wanted)| self.close(o, wanted)).collect();
+            // those of all plants: the lanes of a group cost what one costs
+            let mut all = close.concat();
+            all.sort_unstable();
+            all.dedup();
+            let accurate = self.accurate_rows(thetas, &all)?;
+            for ((outcome, accurate), close) in outcomes.iter_mut().zip(accurate).zip(&close) {
+                match (outcome, accurate) {
+                    (Ok(row), Ok(accurate)) => close.iter().for_each(|&i| row[i] = accurate[i]),
+                    (outcome, accurate) => *outcome = accurate,
+                }
+            }
+        }
+        Ok(outcomes)
+    }
+
+    /// The models that may have the smallest Upsilon of a row by the separable form, and
+    /// those of `wanted`; all, where there is no row.
+    fn close(&self, outcome: &Outcome, wanted: &[usize]) -> Vec<usize> {
+        let mut close = self.designed.clone();
+        if let Ok(row) = outcome {
+            let least = sets::least(row);
             close.retain(|&i| {
                 // beside the energies, which an offset may nearly cancel; false for NaN
                 let size = least.abs() + self.offsets[i].abs() * self.setup.scale();
                 let far = row[i] - least > CONTENDS * size;
                 !far || wanted.contains(&i)
             });
-            return Ok(first(self.accurate_rows(&thetas, &close)?).map(|accurate| {
-                for &i in &close {
-                    row[i] = accurate[i];
-                }
-                row
-            }));
         }
-        Ok(first(self.accurate_rows(&thetas, &self.designed)?))
+        close
     }
 
     /// Those of `models` that could be designed, and their places among all
@@ -245,18 +299,20 @@ impl<'a> Engine<'a> {
         found.unzip()
     }
 
-    /// Builds the plants and takes `energies` of the blocks, `designed` a row.
+    /// Builds the plants and takes `energies` of the blocks, `designed` a row; Upsilon goes
+    /// into `out`, all models a row.
     fn outcomes(
         &self,
         thetas: &[Vec<f64>],
         designed: &[usize],
+        out: &mut [f64],
         energies: impl FnOnce(&LoopBatch, &mut Vec<f64>),
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<Found>> {
         let spare = self.works.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut work = spare.unwrap_or_else(Work::new);
-        let out = self.outcomes_in(&mut work, thetas, designed, energies);
+        let found = self.outcomes_in(&mut work, thetas, designed, out, energies);
         self.works.lock().unwrap_or_else(PoisonError::into_inner).push(work);
-        out
+        found
     }
 
     fn outcomes_in(
@@ -264,8 +320,9 @@ impl<'a> Engine<'a> {
         work: &mut Work,
         thetas: &[Vec<f64>],
         designed: &[usize],
+        out: &mut [f64],
         fill: impl FnOnce(&LoopBatch, &mut Vec<f64>),
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<Found>> {
         let Work { assembly, batch, exact, delayed, built, energies } = work;
         let form = self.setup.delay_states();
         let nominal = &self.setup.nominal.R;
@@ -294,10 +351,12 @@ impl<'a> Engine<'a> {
         };
         let mut next = 0;
         let mut all = Vec::with_capacity(thetas.len());
-        for (r, theta) in built.drain(..).zip(thetas) {
+        let rows = out.chunks_mut(self.setup.pairs.len());
+        for ((r, theta), out) in built.drain(..).zip(thetas).zip(rows) {
             let r = match r {
                 Ok(r) => r,
                 Err(e) => {
+                    out.fill(f64::NAN);
                     all.push(Err(Flaw::Unbuilt(e)));
                     continue;
                 }
@@ -314,10 +373,17 @@ impl<'a> Engine<'a> {
                 Stability::Unstable(mode) => Err(Flaw::Unstable(mode)),
                 Stability::Unknown => Err(Flaw::Unknown),
                 Stability::Stable if proved => {
-                    Ok(self.scale(designed, row.iter().copied(), r.as_ref()))
+                    self.scale(designed, row, r.as_ref(), out);
+                    Ok(())
                 }
-                Stability::Stable => Ok(self.unproved_row(theta, designed)?),
+                Stability::Stable => {
+                    out.copy_from_slice(&self.unproved_row(theta, designed)?);
+                    Ok(())
+                }
             });
+            if let Some(Err(_)) = all.last() {
+                out.fill(f64::NAN);
+            }
             next += 1;
         }
         Ok(all)
@@ -369,8 +435,13 @@ impl<'a> Engine<'a> {
         let (block, r) = setup.block(theta, self.delay, DelayForm::Exact)?;
         let (designed, places) = self.places(models);
         let integrals = self.second_route().energies(&block, &places);
-        let values = self.scale(&designed, integrals.iter().map(|i| i.value), Some(&r));
-        let upper = self.scale(&designed, integrals.iter().map(|i| i.value + i.error), Some(&r));
+        let scaled = |energies: Vec<f64>| {
+            let mut row = vec![f64::NAN; self.setup.pairs.len()];
+            self.scale(&designed, &energies, Some(&r), &mut row);
+            row
+        };
+        let values = scaled(integrals.iter().map(|i| i.value).collect());
+        let upper = scaled(integrals.iter().map(|i| i.value + i.error).collect());
         let errors = values.iter().zip(&upper).map(|(v, u)| u - v).collect();
         Ok((values, errors))
     }
@@ -392,25 +463,28 @@ impl<'a> Engine<'a> {
 
     /// One Upsilon a model of the bank from the energies of `designed`, NaN for
     /// the others, at a plant with measurement noise `r` (`None`: the nominal one).
-    fn scale(
-        &self,
-        designed: &[usize],
-        energies: impl Iterator<Item = f64>,
-        r: Option<&Mat<f64>>,
-    ) -> Vec<f64> {
-        let mut row = vec![f64::NAN; self.setup.pairs.len()];
+    fn scale(&self, designed: &[usize], energies: &[f64], r: Option<&Mat<f64>>, row: &mut [f64]) {
         let scale = self.setup.scale();
-        for (&i, energy) in designed.iter().zip(energies) {
-            // an energy below zero is all rounding
-            if energy >= 0.0 {
-                let offset = match (r, &self.setup.pairs[i]) {
-                    (Some(r), Some(pair)) => self.setup.offset(pair, r),
-                    _ => self.offsets[i],
-                };
-                row[i] = (0.5 * energy + offset) * scale;
+        // an energy below zero is all rounding
+        let upsilon = |energy: f64, offset: f64| {
+            let value = (0.5 * energy + offset) * scale;
+            if energy >= 0.0 { value } else { f64::NAN }
+        };
+        if r.is_none() && designed.len() == row.len() {
+            // in vectors
+            for ((out, &energy), &offset) in row.iter_mut().zip(energies).zip(&self.offsets) {
+                *out = upsilon(energy, offset);
             }
+            return;
         }
-        row
+        row.fill(f64::NAN);
+        for (&i, &energy) in designed.iter().zip(energies) {
+            let offset = match (r, &self.setup.pairs[i]) {
+                (Some(r), Some(pair)) => self.setup.offset(pair, r),
+                _ => self.offsets[i],
+            };
+            row[i] = upsilon(energy, offset);
+        }
     }
 }
 

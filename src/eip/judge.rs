@@ -12,7 +12,7 @@ use crate::eip::sets::{self, Verdict};
 use crate::eip::setup::Setup;
 use crate::eip::study::Verify;
 use crate::error::Result;
-use crate::par::{RunControl, try_map_chunks};
+use crate::par::{RunControl, try_map_chunks, try_map_parts};
 
 /// Plants of one chunk: about a millisecond of work.
 pub(crate) const CHUNK: usize = 128;
@@ -28,10 +28,9 @@ const CAUTION: f64 = 10.0;
 /// the Lyapunov route.
 const TRUST: f64 = 1e-8;
 
-/// A plant with Upsilon of every model, as far as it could be computed.
-#[derive(Clone)]
-pub(crate) struct Checked {
-    pub(crate) row: Vec<f64>,
+/// What is known of the Upsilon of a plant.
+#[derive(Clone, Default)]
+pub(crate) struct Facts {
     /// Empty where nothing is known of the errors.
     pub(crate) error: Vec<f64>,
     /// Largest relative difference of the routes: of all pairs (infinite where
@@ -42,47 +41,43 @@ pub(crate) struct Checked {
     pub(crate) replaced: usize,
 }
 
-impl Checked {
-    /// A plant that only the Lyapunov route has seen.
-    pub(crate) fn unchecked(row: Vec<f64>) -> Self {
-        Self { row, error: Vec::new(), found: 0.0, kept: 0.0, compared: 0, replaced: 0 }
-    }
-
+impl Facts {
     /// Takes the second route, and its value where the first has lost its
     /// digits or leaves the winner in doubt.
     pub(crate) fn check(
         &mut self,
+        row: &mut [f64],
         engine: &Engine<'_>,
         theta: &[f64],
         same: &[Option<usize>],
     ) -> Result<()> {
         let (second, quadrature) = engine.frequency_row(theta, &engine.designed)?;
-        let mut differences = vec![0.0_f64; self.row.len()];
-        self.error.resize(self.row.len(), f64::NAN);
+        let mut differences = vec![0.0_f64; row.len()];
+        self.error.resize(row.len(), f64::NAN);
         for &i in &engine.designed {
-            let difference = (self.row[i] - second[i]).abs();
-            if self.row[i].is_nan() {
+            let difference = (row[i] - second[i]).abs();
+            if row[i].is_nan() {
                 differences[i] = f64::INFINITY;
             } else if !difference.is_nan() {
-                differences[i] = difference / self.row[i].abs().max(f64::MIN_POSITIVE);
+                differences[i] = difference / row[i].abs().max(f64::MIN_POSITIVE);
                 self.compared += 1;
             }
             self.error[i] = difference + quadrature[i];
             self.found = self.found.max(differences[i]);
         }
-        let decided = sets::decide(&self.row, &self.error, &engine.designed, same);
+        let decided = sets::decide(row, &self.error, &engine.designed, same);
         // a decision within the errors is left to the route that knows more
         let mut doubtful = self.found > DIFFER || decided.is_err();
-        for i in sets::contenders(&self.row, &self.error, &engine.designed, same) {
+        for i in sets::contenders(row, &self.error, &engine.designed, same) {
             doubtful |= self.error[i] > 2.0 * quadrature[i];
         }
         for &i in &engine.designed {
             let sound = quadrature[i] <= TRUST * second[i].abs();
-            if doubtful && (sound || self.row[i].is_nan()) && !second[i].is_nan() {
-                self.row[i] = second[i];
+            if doubtful && (sound || row[i].is_nan()) && !second[i].is_nan() {
+                row[i] = second[i];
                 self.error[i] = quadrature[i];
                 self.replaced += 1;
-            } else if !self.row[i].is_nan() {
+            } else if !row[i].is_nan() {
                 self.kept = self.kept.max(differences[i]);
             }
         }
@@ -91,7 +86,14 @@ impl Checked {
 }
 
 /// What is known of a plant.
-pub(crate) type Judged = std::result::Result<Checked, Flaw>;
+pub(crate) type Judged = std::result::Result<Facts, Flaw>;
+
+/// Upsilon of plants, plants by models (NaN where there is none), and what is known of
+/// each plant.
+pub(crate) struct Judgement {
+    pub(crate) upsilon: Vec<f64>,
+    pub(crate) plants: Vec<Judged>,
+}
 
 /// Judges the plants of one case.
 pub(crate) struct Judge<'a> {
@@ -128,10 +130,10 @@ impl<'a> Judge<'a> {
         (plants.start.next_multiple_of(every)..plants.end).step_by(every).collect()
     }
 
-    /// Who wins at a plant, if anybody does.
-    pub(crate) fn verdict(&self, judged: &Judged) -> Verdict {
+    /// Who wins at a plant with Upsilon in `row`, if anybody does.
+    pub(crate) fn verdict(&self, row: &[f64], judged: &Judged) -> Verdict {
         match judged {
-            Ok(plant) => sets::decide(&plant.row, &plant.error, &self.engine.designed, &self.same)
+            Ok(facts) => sets::decide(row, &facts.error, &self.engine.designed, &self.same)
                 .map_or(Verdict::Undecided, Verdict::Winner),
             Err(Flaw::Unstable(_)) => Verdict::Unstable,
             Err(Flaw::Unbuilt(_)) => Verdict::Failed,
@@ -151,17 +153,17 @@ impl<'a> Judge<'a> {
         &mut self,
         plants: &[usize],
         control: &RunControl<'_>,
-    ) -> Result<Vec<Judged>> {
+    ) -> Result<Judgement> {
         let mut every = self.every();
         let mut judged = self.first_pass(plants, every, control)?;
         let silent = RunControl { progress: None, ..*control };
-        if every.is_none() && judged.iter().flatten().any(|plant| plant.found > 0.0) {
+        if every.is_none() && judged.plants.iter().flatten().any(|plant| plant.found > 0.0) {
             // where some numbers are lost others are wrong: look after all
             every = Some(self.sample());
             judged = self.first_pass(plants, every, &silent)?;
         }
         if let Some(every) = every.filter(|every| *every > 1) {
-            self.look_around(plants, every, &judged, &silent)?;
+            self.look_around(plants, every, &judged.plants, &silent)?;
             self.second_pass(plants, every, &silent, &mut judged)?;
         }
         Ok(judged)
@@ -174,27 +176,37 @@ impl<'a> Judge<'a> {
         plants: &[usize],
         every: Option<usize>,
         control: &RunControl<'_>,
-    ) -> Result<Vec<Judged>> {
+    ) -> Result<Judgement> {
         let (setup, engine) = (self.setup, &self.engine);
-        let grid = &setup.study.grid;
-        let chunks = try_map_chunks(control, plants.len(), CHUNK, |range| {
-            let plants = &plants[range];
-            let thetas: Vec<Vec<f64>> =
-                plants.iter().map(|&k| setup.theta_at(&grid.point(k))).collect();
-            let mut judged: Vec<Judged> = Vec::with_capacity(thetas.len());
-            for ((plant, theta), outcome) in plants.iter().zip(&thetas).zip(engine.rows(&thetas)?) {
-                let mut checked = outcome.map(Checked::unchecked);
-                if let Ok(c) = &mut checked {
-                    let lost = engine.designed.iter().any(|&i| c.row[i].is_nan());
-                    if lost || every.is_some_and(|every| plant % every == 0) {
-                        c.check(engine, theta, &self.same)?;
+        let (grid, models) = (&setup.study.grid, setup.pairs.len());
+        // written where it stays
+        let mut upsilon = vec![0.0; plants.len() * models];
+        let parts: Vec<_> = plants.chunks(CHUNK).zip(upsilon.chunks_mut(CHUNK * models)).collect();
+        let chunks = try_map_parts(
+            control,
+            parts,
+            |(plants, _)| plants.len(),
+            |(plants, out)| {
+                let thetas: Vec<Vec<f64>> =
+                    plants.iter().map(|&k| setup.theta_at(&grid.point(k))).collect();
+                let found = engine.fill(&thetas, out)?;
+                let mut judged: Vec<Judged> = Vec::with_capacity(thetas.len());
+                let rows = out.chunks_mut(models);
+                for (((plant, theta), found), row) in
+                    plants.iter().zip(&thetas).zip(found).zip(rows)
+                {
+                    let mut facts = found.map(|()| Facts::default());
+                    if let Ok(facts) = &mut facts
+                        && (engine.lost(row) || every.is_some_and(|every| plant % every == 0))
+                    {
+                        facts.check(row, engine, theta, &self.same)?;
                     }
+                    judged.push(facts);
                 }
-                judged.push(checked);
-            }
-            Ok(judged)
-        })?;
-        Ok(chunks.into_iter().flatten().collect())
+                Ok(judged)
+            },
+        )?;
+        Ok(Judgement { upsilon, plants: chunks.into_iter().flatten().collect() })
     }
 
     /// Differences at the checked plants before and after each of `plants`,
@@ -217,8 +229,8 @@ impl<'a> Judge<'a> {
         more.sort_unstable();
         more.dedup();
         let outside = self.first_pass(&more, Some(every), control)?;
-        self.found
-            .extend(more.into_iter().zip(outside.iter().map(|c| Some(c.as_ref().ok()?.found))));
+        let outside = outside.plants.iter();
+        self.found.extend(more.into_iter().zip(outside.map(|c| Some(c.as_ref().ok()?.found))));
         Ok(())
     }
 
@@ -230,21 +242,22 @@ impl<'a> Judge<'a> {
         plants: &[usize],
         every: usize,
         control: &RunControl<'_>,
-        judged: &mut [Judged],
+        judged: &mut Judgement,
     ) -> Result<()> {
         let (setup, engine, same) = (self.setup, &self.engine, &self.same);
-        let grid = &setup.study.grid;
+        let (grid, models) = (&setup.study.grid, setup.pairs.len());
+        let Judgement { upsilon, plants: judged } = judged;
         let mut doubtful = Vec::new();
         for (place, &k) in plants.iter().enumerate() {
             let near = checked_around(k, every).into_iter().filter_map(|k| *self.found.get(&k)?);
             let difference = near.fold(0.0, f64::max);
             let Ok(plant) = &mut judged[place] else { continue };
+            let row = &upsilon[place * models..][..models];
             if k % every == 0 || plant.compared > 0 || difference == 0.0 {
                 continue;
             }
-            let error: Vec<f64> =
-                plant.row.iter().map(|u| CAUTION * difference * u.abs()).collect();
-            if !sets::contenders(&plant.row, &error, &engine.designed, same).is_empty() {
+            let error: Vec<f64> = row.iter().map(|u| CAUTION * difference * u.abs()).collect();
+            if !sets::contenders(row, &error, &engine.designed, same).is_empty() {
                 doubtful.push(place);
             } else if difference > DIFFER {
                 (plant.error, plant.kept) = (error, difference);
@@ -253,17 +266,17 @@ impl<'a> Judge<'a> {
         let again = try_map_chunks(control, doubtful.len(), 4, |range| {
             let mut again = Vec::with_capacity(range.len());
             for &place in &doubtful[range] {
-                if let Ok(plant) = &judged[place] {
-                    let mut plant = Checked::unchecked(plant.row.clone());
-                    let theta = setup.theta_at(&grid.point(plants[place]));
-                    plant.check(engine, &theta, same)?;
-                    again.push((place, plant));
-                }
+                let mut row = upsilon[place * models..][..models].to_vec();
+                let mut facts = Facts::default();
+                let theta = setup.theta_at(&grid.point(plants[place]));
+                facts.check(&mut row, engine, &theta, same)?;
+                again.push((place, row, facts));
             }
             Ok(again)
         })?;
-        for (place, plant) in again.into_iter().flatten() {
-            judged[place] = Ok(plant);
+        for (place, row, facts) in again.into_iter().flatten() {
+            upsilon[place * models..][..models].copy_from_slice(&row);
+            judged[place] = Ok(facts);
         }
         Ok(())
     }

@@ -12,7 +12,8 @@ use crate::eip::sets::{self, Break, TIE, Verdict};
 use crate::eip::setup::Setup;
 use crate::eip::study::Verify;
 use crate::error::{Error, Result};
-use crate::par::{RunControl, try_map_chunks};
+use crate::par::{RunControl, map_chunks, try_map_chunks};
+use crate::simd::LANES;
 
 /// Boundaries are bracketed to this share of the grid's span or of the values
 /// there, whichever is smaller.
@@ -27,6 +28,13 @@ const ROUNDING: f64 = 64.0;
 /// integral knows better; with a delay, where the Pade approximation differs by
 /// its nature and the integral is dear, [`DIFFER`].
 const WORSE: f64 = 1e-9;
+/// Cells looked at in one go for a search.
+const CHUNK: usize = 1024;
+/// Boundaries that are looked at together, at most: the separable form takes as many plants
+/// at once.
+const PROBES: usize = 2 * LANES;
+/// Parts that the cells make if there are enough: for the threads.
+const TASKS: usize = 32;
 /// Searches inside each other, at most.
 const DEPTH: u32 = 40;
 
@@ -63,15 +71,21 @@ impl Refiner<'_, '_> {
     /// # Errors
     /// A mistake in the study, `Cancelled`.
     pub(crate) fn breaks(&self) -> Result<Vec<Break>> {
-        let cells: Vec<Cell> = (1..self.values.len()).filter_map(|k| self.cell(k - 1)).collect();
-        let found = try_map_chunks(self.control, cells.len(), 1, |range| {
+        let silent = RunControl { progress: None, ..*self.control };
+        let last = self.values.len().saturating_sub(1);
+        let cells = map_chunks(&silent, last, CHUNK, |range| -> Vec<Cell> {
+            range.filter_map(|at| self.cell(at)).collect()
+        })?;
+        let cells: Vec<Cell> = cells.into_iter().flatten().collect();
+        let together = (cells.len() / TASKS).clamp(1, PROBES);
+        let found = try_map_chunks(self.control, cells.len(), together, |range| {
+            let cells = &cells[range];
             let mut found = Vec::new();
-            for cell in &cells[range] {
-                let ends = [cell.at, cell.at + 1];
-                let exact = ends.iter().any(|&k| self.plants.by_frequency[k]);
-                let mut search = Search { refiner: self, exact, found: Vec::new() };
+            for (cell, first) in cells.iter().zip(self.crossings(cells)?) {
+                let exact = self.is_exact(cell);
+                let mut search = Search { refiner: self, exact, first, found: Vec::new() };
                 if search.run(cell)? == Trust::Lost && !exact {
-                    search = Search { refiner: self, exact: true, found: Vec::new() };
+                    search = Search { refiner: self, exact: true, first: None, found: Vec::new() };
                     search.run(cell)?;
                 }
                 found.append(&mut search.found);
@@ -79,6 +93,38 @@ impl Refiner<'_, '_> {
             Ok(found)
         })?;
         Ok(found.concat())
+    }
+
+    /// Where the winners of the two ends of each cell meet, and what is known there; `None`
+    /// for a cell that has other ends.
+    fn crossings(&self, cells: &[Cell]) -> Result<Vec<Option<(Crossing, Probe)>>> {
+        let search = Search { refiner: self, exact: false, first: None, found: Vec::new() };
+        let (mut places, mut known, mut wanted) = (Vec::new(), Vec::new(), Vec::new());
+        for (place, cell) in cells.iter().enumerate() {
+            let (a, b) = (self.grid_probe(cell.at), self.grid_probe(cell.at + 1));
+            if let (Some(i), Some(j)) = (a.verdict.winner(), b.verdict.winner())
+                && i != j
+                && !self.is_exact(cell)
+            {
+                places.push(place);
+                known.push(search.meet(&a, &b, [i, j])?);
+                wanted.push([i, j]);
+            }
+        }
+        let mut all = vec![None; cells.len()];
+        let xs: Vec<f64> = known.iter().map(|c| c.x).collect();
+        let wanted: Vec<&[usize]> = wanted.iter().map(|w| &w[..]).collect();
+        for ((place, crossing), probe) in
+            places.into_iter().zip(known).zip(search.probes(&xs, &wanted)?)
+        {
+            all[place] = Some((crossing, probe));
+        }
+        Ok(all)
+    }
+
+    /// True if the Lyapunov route has lost its digits at an end of the cell.
+    fn is_exact(&self, cell: &Cell) -> bool {
+        [cell.at, cell.at + 1].iter().any(|&k| self.plants.by_frequency[k])
     }
 
     /// The cell to the right of grid point `at`, if there is something to look
@@ -89,29 +135,30 @@ impl Refiner<'_, '_> {
             return Some(Cell { at, rivals: Vec::new() });
         }
         let w = a.winner()?;
-        let curved = self.curved(at, w);
+        if !self.curved(at, w) {
+            return None;
+        }
         let rivals = self.engine.designed.iter().copied();
         let rivals: Vec<usize> = rivals
-            .filter(|&j| {
-                curved[j] && !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j)
-            })
+            .filter(|&j| !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j))
             .collect();
         (!rivals.is_empty()).then_some(Cell { at, rivals })
     }
 
-    /// The models over which the lead of `w` is curved enough in a cell to come down to
-    /// [`DIP`] of itself, whatever its slope: few, so that [`Refiner::dips`] need not look
-    /// at all.
+    /// Whether the lead of `w` over some model is curved enough in a cell to come down to
+    /// [`DIP`] of itself, whatever its slope: seldom, so that [`Refiner::dips`] need not
+    /// look.
     ///
     /// ```text
     /// p - y <= c (reach h)^2  for the lead p at an end, y <= DIP p the least, c the bend
     /// ```
-    fn curved(&self, at: usize, w: usize) -> Vec<bool> {
-        let mut curved = vec![false; self.plants.row(at).len()];
+    fn curved(&self, at: usize, w: usize) -> bool {
         let (x, z) = (self.values[at], self.values[at + 1]);
         let (left, right) = (self.plants.row(at), self.plants.row(at + 1));
         let reach = (1.0 + BESIDE) * (z - x);
         let slope = 1.0 / (z - x);
+        // in lanes, for vectors
+        let mut most = [f64::NEG_INFINITY; 8];
         for third in [at.checked_sub(1), Some(at + 2)] {
             let Some(k) = third.filter(|&k| k < self.values.len()) else { continue };
             let (u, row) = (self.values[k], self.plants.row(k));
@@ -120,14 +167,26 @@ impl Refiner<'_, '_> {
             let outward = 1.0 / (u - inner);
             let scale = reach * reach / if k < at { z - u } else { u - x };
             let sign = if k < at { -scale } else { scale };
-            for (j, out) in curved.iter_mut().enumerate() {
+            // what the bend takes away beyond the allowed
+            let excess = |j: usize| {
                 let (p, q) = (left[j] - left[w], right[j] - right[w]);
                 let r = row[j] - row[w];
                 let bend = ((r - (near[j] - near[w])) * outward - (q - p) * slope) * sign;
-                *out |= bend >= 0.99 * (1.0 - DIP) * p.min(q);
+                bend - 0.99 * (1.0 - DIP) * if p < q { p } else { q }
+            };
+            let excess = |j: usize| if j == w { f64::NEG_INFINITY } else { excess(j) };
+            let whole = row.len() / 8;
+            for block in 0..whole {
+                for (lane, most) in most.iter_mut().enumerate() {
+                    let excess = excess(8 * block + lane);
+                    *most = if excess > *most { excess } else { *most };
+                }
+            }
+            for j in 8 * whole..row.len() {
+                most[0] = most[0].max(excess(j));
             }
         }
-        curved
+        most.iter().any(|&most| most >= 0.0)
     }
 
     /// Whether the lead of `w` over `j` may vanish inside a cell: judged by the
@@ -159,6 +218,15 @@ impl Refiner<'_, '_> {
     }
 }
 
+/// Where the Upsilon of two models are equal, as far as can be told.
+#[derive(Clone, Copy)]
+struct Crossing {
+    x: f64,
+    width: f64,
+    /// One of them has no value there.
+    undefined: bool,
+}
+
 /// Whether the Lyapunov route was good enough for a cell.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Trust {
@@ -172,6 +240,8 @@ struct Search<'a, 'e> {
     /// Upsilon by the frequency integral: the Lyapunov route has lost its
     /// digits here.
     exact: bool,
+    /// The crossing of a cell with one winner at either end, and what is known there.
+    first: Option<(Crossing, Probe)>,
     found: Vec<Break>,
 }
 
@@ -219,26 +289,17 @@ impl Search<'_, '_> {
 
     /// The boundary between a plant that `i` wins and one that `j` wins.
     fn crossing(&mut self, a: &Probe, b: &Probe, [i, j]: [usize; 2], depth: u32) -> Result<Trust> {
-        let (fa, fb) = (a.row[i] - a.row[j], b.row[i] - b.row[j]);
-        // a winner by a tie may be behind by rounding: the boundary is there
-        let (mut x, mut width) = (if fa < 0.0 { b.x } else { a.x }, 0.0);
-        if fa < 0.0 && fb > 0.0 {
-            let ends = root::bracket((a.x, fa), (b.x, fb), self.refiner.width(a.x, b.x), |xs| {
-                self.differences(xs, i, j)
-            })?;
-            match ends {
-                Bracket::Root(low, high) => {
-                    // the end with the smaller difference is nearer to the root
-                    x = if low.1.abs() <= high.1.abs() { low.0 } else { high.0 };
-                    width = high.0 - low.0;
-                }
-                Bracket::Undefined(x) => {
-                    let middle = self.probe(x, &[i, j])?;
-                    return self.both(a, &middle, b, depth);
-                }
+        let (crossing, middle) = match self.first.take() {
+            Some(known) => known,
+            None => {
+                let crossing = self.meet(a, b, [i, j])?;
+                (crossing, self.probe(crossing.x, &[i, j])?)
             }
+        };
+        let Crossing { x, width, undefined } = crossing;
+        if undefined {
+            return self.both(a, &middle, b, depth);
         }
-        let middle = self.probe(x, &[i, j])?;
         let third = middle.verdict.winner().is_some_and(|w| {
             let least = middle.row[i].min(middle.row[j]);
             w != i && w != j && middle.row[w] < least - TIE * least.abs()
@@ -254,6 +315,27 @@ impl Search<'_, '_> {
         let (left, right) = (a.verdict, b.verdict);
         self.found.push(Break { value: x, uncertainty: width + reach, left, right });
         Ok(Trust::Kept)
+    }
+
+    /// Where Upsilon of `i`, which wins at `a`, and of `j`, which wins at `b`, are equal.
+    fn meet(&self, a: &Probe, b: &Probe, [i, j]: [usize; 2]) -> Result<Crossing> {
+        let (fa, fb) = (a.row[i] - a.row[j], b.row[i] - b.row[j]);
+        if !(fa < 0.0 && fb > 0.0) {
+            // a winner by a tie may be behind by rounding: the boundary is there
+            let x = if fa < 0.0 { b.x } else { a.x };
+            return Ok(Crossing { x, width: 0.0, undefined: false });
+        }
+        let ends = root::bracket((a.x, fa), (b.x, fb), self.refiner.width(a.x, b.x), |xs| {
+            self.differences(xs, i, j)
+        })?;
+        Ok(match ends {
+            Bracket::Root(low, high) => {
+                // the end with the smaller difference is nearer to the root
+                let x = if low.1.abs() <= high.1.abs() { low.0 } else { high.0 };
+                Crossing { x, width: high.0 - low.0, undefined: false }
+            }
+            Bracket::Undefined(x) => Crossing { x, width: 0.0, undefined: true },
+        })
     }
 
     fn both(&mut self, a: &Probe, middle: &Probe, b: &Probe, depth: u32) -> Result<Trust> {
@@ -371,22 +453,33 @@ impl Search<'_, '_> {
 
     /// All models at `x`, `wanted` as accurately as can be.
     fn probe(&self, x: f64, wanted: &[usize]) -> Result<Probe> {
-        let thetas = self.thetas(&[x])?;
-        let refiner = self.refiner;
-        let engine = refiner.engine;
-        let none = |verdict| Probe { x, row: Vec::new(), verdict };
-        let mut row = match engine.probe(thetas[0].clone(), wanted)? {
-            Ok(row) => row,
-            Err(Flaw::Unstable(_) | Flaw::Unknown) => return Ok(none(Verdict::Unstable)),
-            Err(Flaw::Unbuilt(_)) => return Ok(none(Verdict::Failed)),
-        };
-        let mut error = vec![f64::NAN; row.len()];
-        if self.exact || engine.designed.iter().any(|&i| row[i].is_nan()) {
-            (row, error) = engine.frequency_row(&thetas[0], &engine.designed)?;
+        let none = Probe { x, row: Vec::new(), verdict: Verdict::Undecided };
+        Ok(self.probes(&[x], &[wanted])?.pop().unwrap_or(none))
+    }
+
+    /// All models at each of `xs`, `wanted` of each as accurately as can be.
+    fn probes(&self, xs: &[f64], wanted: &[&[usize]]) -> Result<Vec<Probe>> {
+        let thetas = self.thetas(xs)?;
+        let (engine, same) = (self.refiner.engine, self.refiner.duplicate_of);
+        let outcomes = engine.probe(&thetas, wanted)?.into_iter();
+        let mut probes = Vec::with_capacity(xs.len());
+        for ((&x, theta), outcome) in xs.iter().zip(&thetas).zip(outcomes) {
+            let none = |verdict| Probe { x, row: Vec::new(), verdict };
+            probes.push(match outcome {
+                Err(Flaw::Unstable(_) | Flaw::Unknown) => none(Verdict::Unstable),
+                Err(Flaw::Unbuilt(_)) => none(Verdict::Failed),
+                Ok(mut row) => {
+                    let mut error = Vec::new();
+                    if self.exact || engine.lost(&row) {
+                        (row, error) = engine.frequency_row(theta, &engine.designed)?;
+                    }
+                    let decided = sets::decide(&row, &error, &engine.designed, same);
+                    let verdict = decided.map_or(Verdict::Undecided, Verdict::Winner);
+                    Probe { x, row, verdict }
+                }
+            });
         }
-        let decided = sets::decide(&row, &error, &engine.designed, refiner.duplicate_of);
-        let verdict = decided.map_or(Verdict::Undecided, Verdict::Winner);
-        Ok(Probe { x, row, verdict })
+        Ok(probes)
     }
 }
 

@@ -142,7 +142,8 @@ pub struct Case {
     pub upsilon: Vec<f64>,
     /// Error estimate of each Upsilon: the difference of the two routes and the
     /// error of the quadrature where both were taken, the latter alone where
-    /// the frequency integral replaces the Lyapunov route, NaN elsewhere.
+    /// the frequency integral replaces the Lyapunov route, NaN elsewhere. Empty where none
+    /// is known of any pair.
     pub error: Vec<f64>,
     /// Winning model of each plant: the first of those within 1e-12 of the
     /// smallest Upsilon.

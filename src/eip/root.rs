@@ -9,6 +9,8 @@ pub(crate) type Point = (f64, f64);
 /// Distances from the predicted root, as shares of the bracket: a prediction
 /// good to any of them shrinks the bracket to that share.
 const REACH: [f64; LANES / 2] = [0.2, 0.02, 5e-4, 1e-6];
+/// The same for a prediction by a cubic.
+const FINE: [f64; LANES / 2] = [0.05, 1e-3, 1e-6, 1e-9];
 
 /// Outcome of [`bracket`].
 pub(crate) enum Bracket {
@@ -18,9 +20,9 @@ pub(crate) enum Bracket {
     Undefined(f64),
 }
 
-/// A root of `f` in `[a, b]`, where `f(a)` and `f(b)` differ in sign: sections
-/// by nine, alternating with points around the false position as long as these
-/// do better.
+/// A root of `f` in `[a, b]`, where `f(a)` and `f(b)` differ in sign: points around
+/// the place where the points at hand predict it, and sections by nine after every
+/// round in which these would have done better.
 ///
 /// Returns the final bracket, narrower than `width` or the spacing of floating
 /// point numbers; of several roots the first that the sections see. An `f`
@@ -31,7 +33,9 @@ pub(crate) fn bracket<E>(
     width: f64,
     mut f: impl FnMut(&[f64]) -> Result<Vec<Option<f64>>, E>,
 ) -> Result<Bracket, E> {
-    let mut near = false;
+    let mut near = true;
+    // the nearest points outside
+    let (mut before, mut after) = (None, None);
     // sections alone need 35 rounds for the whole range of a double's digits
     for _ in 0..80 {
         let size = b.0 - a.0;
@@ -45,16 +49,31 @@ pub(crate) fn bracket<E>(
         if size <= enough {
             break;
         }
-        let points = if near { around(a, b, enough) } else { sections(a.0, b.0) };
+        let points = if near {
+            match predicted([before, Some(a), Some(b), after]) {
+                Some(root) => around(root, FINE, a, b, enough),
+                None => around(a.0 + size * (a.1 / (a.1 - b.1)), REACH, a, b, enough),
+            }
+        } else {
+            sections(a.0, b.0)
+        };
         let values = f(&points)?;
+        let sign = b.1 > 0.0;
+        let mut right = None;
         for (&x, value) in points.iter().zip(values) {
             let Some(y) = value else { return Ok(Bracket::Undefined(x)) };
-            if y == 0.0 || (y > 0.0) == (b.1 > 0.0) {
-                b = (x, y);
+            if right.is_some() {
+                after = Some((x, y));
                 break;
             }
-            a = (x, y);
+            if y == 0.0 || (y > 0.0) == sign {
+                right = Some((x, y));
+                after = Some(b);
+            } else {
+                (before, a) = (Some(a), (x, y));
+            }
         }
+        b = right.unwrap_or(b);
         near = !near || b.0 - a.0 <= size / 9.0;
     }
     Ok(Bracket::Root(a, b))
@@ -69,13 +88,12 @@ pub(crate) fn sections(a: f64, b: f64) -> Vec<f64> {
     if points.is_empty() { vec![0.5 * (a + b)] } else { points }
 }
 
-/// Points on both sides of the false position, inside `(a, b)`.
-fn around(a: Point, b: Point, enough: f64) -> Vec<f64> {
+/// Points on both sides of `root`, inside `(a, b)`.
+fn around(root: f64, shares: [f64; LANES / 2], a: Point, b: Point, enough: f64) -> Vec<f64> {
     let size = b.0 - a.0;
-    let root = a.0 + size * (a.1 / (a.1 - b.1));
     let (low, high) = (a.0 + 0.2 * enough, b.0 - 0.2 * enough);
     let mut points = Vec::with_capacity(LANES);
-    for share in REACH {
+    for share in shares {
         let reach = (share * size).max(0.4 * enough);
         points.push((root - reach).clamp(low, high));
         points.push((root + reach).clamp(low, high));
@@ -83,6 +101,25 @@ fn around(a: Point, b: Point, enough: f64) -> Vec<f64> {
     points.sort_by(f64::total_cmp);
     points.dedup();
     points
+}
+
+/// Where the cubic `x(y)` through four points of a falling or rising function has `y = 0`
+/// (Neville's scheme); `None` if it is not between the inner two.
+fn predicted(points: [Option<Point>; 4]) -> Option<f64> {
+    let [Some(p), Some(a), Some(b), Some(q)] = points else { return None };
+    let y = [p.1, a.1, b.1, q.1];
+    let monotone = y.is_sorted_by(|u, v| u < v) || y.is_sorted_by(|u, v| u > v);
+    if !monotone {
+        return None;
+    }
+    // from the left end of the bracket: differences keep their digits
+    let mut x = [p.0 - a.0, 0.0, b.0 - a.0, q.0 - a.0];
+    for step in 1..4 {
+        for i in 0..4 - step {
+            x[i] = (x[i] * y[i + step] - x[i + 1] * y[i]) / (y[i + step] - y[i]);
+        }
+    }
+    (x[0] > 0.0 && x[0] < b.0 - a.0).then_some(a.0 + x[0])
 }
 
 /// Looks in `[a, b]`, where `f` is positive at both ends, for a point where it

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::eip::collect::Collector;
-use crate::eip::judge::{CHUNK, Checked, Judge};
+use crate::eip::collect::collect;
+use crate::eip::judge::{CHUNK, Facts, Judge};
 use crate::eip::refine::Refiner;
 use crate::eip::sets::{self, Verdict};
 use crate::eip::setup::Setup;
@@ -148,11 +148,8 @@ fn run_case(
     let grid = &setup.study.grid;
     let all: Vec<usize> = (0..grid.len()).collect();
     let judged = progress.grid(|control| judge.judge(&all, control))?;
-    let mut collector = Collector::new(judge, 0, all.len());
-    for judged in judged {
-        collector.push(judged);
-    }
-    let (mut case, plants) = collector.finish();
+    let silent = RunControl { progress: None, ..*progress.of.control };
+    let (mut case, plants) = collect(judge, 0, judged.into(), &silent)?;
     let mut line = Line::new();
     if let [(_, axis)] = grid.axes() {
         let values = axis.values();
@@ -191,13 +188,11 @@ fn matched(
         for j in range {
             let row = setup.pairs[j].as_ref().and_then(|_| outcomes.next());
             out.extend(match row {
-                Some((Ok(row), theta)) => {
-                    let lost = engine.designed.iter().any(|&i| row[i].is_nan());
-                    let mut checked = Checked::unchecked(row);
-                    if lost || doubt {
-                        checked.check(engine, theta, &judge.same)?;
+                Some((Ok(mut row), theta)) => {
+                    if engine.lost(&row) || doubt {
+                        Facts::default().check(&mut row, engine, theta, &judge.same)?;
                     }
-                    checked.row
+                    row
                 }
                 _ => vec![f64::NAN; models],
             });

@@ -42,20 +42,25 @@ pub(crate) struct Break {
     pub(crate) right: Verdict,
 }
 
-/// The smallest of `len` numbers, NaN left out (NaN if there is no other).
-fn least(len: usize, number: impl Fn(usize) -> f64) -> f64 {
-    // Four chains: one would wait for every comparison.
-    let mut parts = [f64::NAN; 4];
-    for i in 0..len {
-        parts[i % 4] = parts[i % 4].min(number(i));
+/// The smallest number, NaN left out; infinite if there is no other.
+pub(crate) fn least(numbers: &[f64]) -> f64 {
+    // Eight chains, in vectors: one would wait for every comparison.
+    let (blocks, rest) = numbers.as_chunks::<8>();
+    let mut parts = [f64::INFINITY; 8];
+    let smaller = |x: f64, than: f64| if x < than { x } else { than };
+    for block in blocks {
+        for (part, &x) in parts.iter_mut().zip(block) {
+            *part = smaller(x, *part);
+        }
     }
-    parts[0].min(parts[1]).min(parts[2].min(parts[3]))
+    let whole = rest.iter().fold(f64::INFINITY, |least, &x| smaller(x, least));
+    parts.iter().fold(whole, |least, &x| smaller(x, least))
 }
 
 /// The winner of a row: the first that is equal to the smallest number, to
 /// [`TIE`]; `None` if all are NaN.
 pub(crate) fn winner(row: &[f64]) -> Option<usize> {
-    let least = least(row.len(), |i| row[i]);
+    let least = least(row);
     let limit = least + TIE * least.abs();
     row.iter().position(|&v| v <= limit)
 }
@@ -63,9 +68,13 @@ pub(crate) fn winner(row: &[f64]) -> Option<usize> {
 /// Runner-up less winner, leaving out duplicates of the winner; infinite if there is
 /// none.
 pub(crate) fn margin(row: &[f64], winner: usize, duplicate_of: &[Option<usize>]) -> f64 {
-    let of = |i: usize| duplicate_of[i].unwrap_or(i);
-    let own = of(winner);
-    let next = least(row.len(), |i| if of(i) == own { f64::NAN } else { row[i] });
+    let (before, after) = (&row[..winner], &row[winner + 1..]);
+    let mut next = least(before).min(least(after));
+    let own = |i: usize| is_same(i, winner, duplicate_of);
+    if row.iter().enumerate().any(|(i, &u)| u == next && i != winner && own(i)) {
+        let others = row.iter().enumerate().filter(|&(i, _)| !own(i));
+        next = others.fold(f64::INFINITY, |least, (_, &u)| if u < least { u } else { least });
+    }
     let margin = next - row[winner];
     if margin.is_nan() { f64::INFINITY } else { margin }
 }
@@ -84,7 +93,12 @@ pub(crate) fn decide(
     designed: &[usize],
     duplicate_of: &[Option<usize>],
 ) -> Result<usize, Doubt> {
-    let unknown: Vec<usize> = designed.iter().copied().filter(|&i| row[i].is_nan()).collect();
+    let missing = row.iter().fold(false, |missing, u| missing | u.is_nan());
+    let unknown: Vec<usize> = if missing {
+        designed.iter().copied().filter(|&i| row[i].is_nan()).collect()
+    } else {
+        Vec::new()
+    };
     let Some(w) = winner(row).filter(|_| unknown.is_empty()) else {
         return Err(Doubt::NoNumber { models: unknown });
     };

@@ -5,7 +5,8 @@
 //! taken to win inside; elsewhere the cell is halved along every side. A cell in
 //! whose hull a neighbour finds another verdict is taken up again.
 
-use crate::eip::judge::{Judge, Judged};
+use crate::eip::collect::{All, Seen};
+use crate::eip::judge::{Judge, Judged, Judgement};
 use crate::eip::sets::{self, Verdict};
 use crate::error::Result;
 use crate::par::RunControl;
@@ -15,14 +16,6 @@ const WIDEST: usize = 8;
 /// The lead at the corners must be above this share of its variation over them.
 const SHARE: f64 = 0.25;
 
-/// A plant of a slab.
-pub(crate) enum Seen {
-    /// Computed.
-    Judged(Judged),
-    /// The model of this index wins, as its neighbours say.
-    Inferred(usize),
-}
-
 /// A box of the slab by its first and last index along each axis.
 type Cell = Vec<(usize, usize)>;
 
@@ -31,6 +24,8 @@ struct Slab<'j, 'a> {
     judge: &'j mut Judge<'a>,
     first: usize,
     shape: &'j [usize],
+    /// Upsilon, plants by models.
+    upsilon: Vec<f64>,
     judged: Vec<Option<Judged>>,
 }
 
@@ -44,9 +39,11 @@ pub(crate) fn refine(
     first: usize,
     shape: &[usize],
     control: &RunControl<'_>,
-) -> Result<Vec<Seen>> {
+) -> Result<All> {
     let count: usize = shape.iter().product();
-    let mut slab = Slab { judge, first, shape, judged: (0..count).map(|_| None).collect() };
+    let upsilon = vec![f64::NAN; count * judge.same.len()];
+    let judged = (0..count).map(|_| None).collect();
+    let mut slab = Slab { judge, first, shape, upsilon, judged };
     let mut cells = coarse(shape);
     let mut settled: Vec<(Cell, usize)> = Vec::new();
     // those computed by both routes are computed in any case
@@ -82,7 +79,7 @@ pub(crate) fn refine(
         .into_iter()
         .zip(inferred)
         .filter_map(|(judged, winner)| judged.map(Seen::Judged).or(winner.map(Seen::Inferred)));
-    Ok(seen.collect())
+    Ok(All { upsilon: slab.upsilon, seen: seen.collect() })
 }
 
 impl Slab<'_, '_> {
@@ -95,16 +92,26 @@ impl Slab<'_, '_> {
         plants.retain(|k| self.judged[k - self.first].is_none());
         plants.sort_unstable();
         plants.dedup();
-        let judged = self.judge.judge(&plants, control)?;
-        for (k, judged) in plants.into_iter().zip(judged) {
-            self.judged[k - self.first] = Some(judged);
+        let Judgement { upsilon, plants: judged } = self.judge.judge(&plants, control)?;
+        let models = self.judge.same.len();
+        for ((k, judged), row) in plants.into_iter().zip(judged).zip(upsilon.chunks(models)) {
+            let at = k - self.first;
+            self.upsilon[at * models..][..models].copy_from_slice(row);
+            self.judged[at] = Some(judged);
         }
         Ok(())
     }
 
+    /// Upsilon of the plant of this index.
+    fn row(&self, index: usize) -> &[f64] {
+        let models = self.judge.same.len();
+        &self.upsilon[index * models..][..models]
+    }
+
     fn verdict(&self, at: &[usize]) -> Option<Verdict> {
-        let judged = self.judged[self.index(at)].as_ref()?;
-        Some(self.judge.verdict(judged))
+        let index = self.index(at);
+        let judged = self.judged[index].as_ref()?;
+        Some(self.judge.verdict(self.row(index), judged))
     }
 
     /// The model that wins all over the cell, as far as its corners show.
@@ -112,12 +119,13 @@ impl Slab<'_, '_> {
         let mut rows: Vec<&[f64]> = Vec::new();
         let mut winner = None;
         for at in corners(cell) {
-            let Some(Ok(plant)) = &self.judged[self.index(&at)] else { return None };
+            let index = self.index(&at);
+            let Some(Ok(_)) = &self.judged[index] else { return None };
             let found = self.verdict(&at)?.winner()?;
             if *winner.get_or_insert(found) != found {
                 return None;
             }
-            rows.push(&plant.row);
+            rows.push(self.row(index));
         }
         let winner = winner?;
         let rivals = self.judge.engine.designed.iter();

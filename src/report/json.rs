@@ -139,7 +139,7 @@ struct CaseFields<'a> {
     failed_intervals: Vec<[f64; 2]>,
     undecided: Vec<UndecidedFields<'a>>,
     undecided_intervals: Vec<[f64; 2]>,
-    error: Rows<'a>,
+    error: RowsOrNone<'a>,
     route_difference: Option<f64>,
     checked_pairs: usize,
     replaced: usize,
@@ -165,7 +165,7 @@ impl<'a> CaseFields<'a> {
             failed_intervals: case.failed_intervals.iter().map(pair).collect(),
             undecided: case.undecided.iter().map(UndecidedFields::new).collect(),
             undecided_intervals: case.undecided_intervals.iter().map(pair).collect(),
-            error: Rows { data: &case.error, width: n },
+            error: RowsOrNone { data: &case.error, width: n, rows: case.winner.len() },
             route_difference: (case.checked_pairs > 0).then_some(case.route_difference),
             checked_pairs: case.checked_pairs,
             replaced: case.replaced,
@@ -283,6 +283,23 @@ struct Rows<'a> {
 impl Serialize for Rows<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_seq(self.data.chunks(self.width.max(1)))
+    }
+}
+
+/// As [`Rows`]; rows of null where the data are empty.
+struct RowsOrNone<'a> {
+    data: &'a [f64],
+    width: usize,
+    rows: usize,
+}
+
+impl Serialize for RowsOrNone<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        if self.data.is_empty() && self.rows > 0 {
+            let none = vec![f64::NAN; self.width];
+            return serializer.collect_seq((0..self.rows).map(|_| &none));
+        }
+        Rows { data: self.data, width: self.width }.serialize(serializer)
     }
 }
 

@@ -24,6 +24,9 @@
 //!
 //! Limited by fused multiply-adds: `np n (np + n)` of them a doubling and pair.
 
+use std::any::Any;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
 use faer::{Mat, MatRef};
 
 use crate::eip::batch::{LoopBatch, Matrices, Shape};
@@ -43,6 +46,9 @@ pub(crate) struct Doubling {
     pub(crate) time: Time,
     gamma: f64,
     models: Vec<Constants>,
+    /// Buffers (a [`Scratch`]) waiting for the next call: it may be of a few plants, and
+    /// would take as long to have them made.
+    spare: Mutex<Vec<Box<dyn Any + Send>>>,
 }
 
 /// A model's matrices, flat and row-major.
@@ -75,7 +81,11 @@ impl Doubling {
         models: impl Iterator<Item = &'m PairModel>,
     ) -> Self {
         let models = models.map(|p| Constants::new(time, gamma, p)).collect();
-        Self { time, gamma, models }
+        Self { time, gamma, models, spare: Mutex::new(Vec::new()) }
+    }
+
+    fn spare(&self) -> MutexGuard<'_, Vec<Box<dyn Any + Send>>> {
+        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Energies `tr(W E[eps eps'])` into `out`, blocks by models; NaN for a block
@@ -150,25 +160,47 @@ impl Kernel for Energies<'_> {
         let (d, batch) = (self.doubling, self.batch);
         let n_models = self.models.len();
         let Some(first) = self.models.first() else { return };
-        let mut models: Vec<Splat<T>> = Vec::with_capacity(n_models);
-        for &k in self.models {
-            models.push(Splat::new(k));
+        let spare = d.spare().pop().and_then(|spare| spare.downcast::<Scratch<T>>().ok());
+        let mut scratch = match spare.filter(|s| s.plants.shape == batch.shape) {
+            Some(scratch) => scratch,
+            None => Box::new(Scratch::new(d.time, batch.shape, first.n)),
+        };
+        let Scratch { plants, work, models, copy } = &mut *scratch;
+        while models.len() < n_models {
+            models.push(Splat::new(first));
         }
-        let mut plants = Plants::<T>::new(d.time, batch.shape);
-        let mut work = Work::new(batch.shape, first.n);
-        let mut copy = Vec::new();
+        for (model, k) in models.iter_mut().zip(self.models) {
+            model.set(k);
+        }
         for (g, out) in self.out.chunks_mut(T::LANES * n_models).enumerate() {
-            let block = batch.group(g, &mut copy);
+            let block = batch.group(g, copy);
             plants.solve(d, &block);
             let stable = plants.factor.stable();
             for (i, (model, k)) in models.iter().zip(self.models).enumerate() {
-                let energy = pair(&block, &plants, model, k, &mut work);
+                let energy = pair(&block, plants, model, k, work);
                 let energy = T::select(stable, energy, T::splat(f64::NAN));
                 for (l, row) in out.chunks_exact_mut(n_models).enumerate() {
                     row[i] = energy.lane(l);
                 }
             }
         }
+        d.spare().push(scratch);
+    }
+}
+
+/// Buffers of [`Energies`]; what they held before leaves no trace.
+struct Scratch<T: Real> {
+    plants: Plants<T>,
+    work: Work<T>,
+    models: Vec<Splat<T>>,
+    copy: Vec<T>,
+}
+
+impl<T: Real> Scratch<T> {
+    /// For blocks of one shape and models of order `n`.
+    fn new(time: Time, shape: Shape, n: usize) -> Self {
+        let (plants, work) = (Plants::new(time, shape), Work::new(shape, n));
+        Scratch { plants, work, models: Vec::new(), copy: Vec::new() }
     }
 }
 
@@ -219,21 +251,43 @@ struct Splat<T: Real> {
 }
 
 impl<T: Real> Splat<T> {
-    #[inline(always)]
+    /// Room for a model; call [`Splat::set`] before use.
     fn new(k: &Constants) -> Self {
+        let none = Vec::new;
         Self {
-            a: splat(&k.a),
-            b: splat(&k.b),
-            c: splat(&k.c),
-            h: splat(&k.h),
-            f: splat(&k.f),
-            w: splat(&k.w),
-            z: splat(&k.z),
-            cw: splat(&k.cw),
+            a: none(),
+            b: none(),
+            c: none(),
+            h: none(),
+            f: none(),
+            w: none(),
+            z: none(),
+            cw: none(),
             factor: match &k.factor {
-                Factor::Continuous(c) => Factor::Continuous(c.splat()),
-                Factor::Discrete(p) => Factor::Discrete(p.splat()),
+                Factor::Continuous(c) => Factor::Continuous(Cayley::new(c.powers.n)),
+                Factor::Discrete(p) => Factor::Discrete(Powers::new(p.n)),
             },
+        }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, k: &Constants) {
+        for (lanes, numbers) in [
+            (&mut self.a, &k.a),
+            (&mut self.b, &k.b),
+            (&mut self.c, &k.c),
+            (&mut self.h, &k.h),
+            (&mut self.f, &k.f),
+            (&mut self.w, &k.w),
+            (&mut self.z, &k.z),
+            (&mut self.cw, &k.cw),
+        ] {
+            splat(numbers, lanes);
+        }
+        match (&mut self.factor, &k.factor) {
+            (Factor::Continuous(c), Factor::Continuous(k)) => c.splat_from(k),
+            (Factor::Discrete(p), Factor::Discrete(k)) => p.splat_from(k),
+            _ => {} // models of one study share their time
         }
     }
 }

@@ -269,47 +269,40 @@ outlined! {
     }
 }
 
-impl Powers<f64> {
-    /// The same powers in every lane: the scalar has the bits of the lanes.
+impl<T: Real> Powers<T> {
+    /// The powers of `one` in every lane: the scalar has the bits of the lanes.
     #[inline(always)]
-    pub(crate) fn splat<T: Real>(&self) -> Powers<T> {
-        Powers {
-            n: self.n,
-            f: splat(&self.f[..self.count() * self.n * self.n]),
-            norms: splat(&self.norms),
-            stable: T::Mask::splat(self.stable),
-            bound: T::splat(self.bound),
-            exponent: T::splat(self.exponent),
-            squarings: T::splat(self.squarings),
-            decayed: T::Mask::splat(self.decayed),
-            certified: T::splat(self.certified),
-            both_sides: self.both_sides,
-        }
+    pub(crate) fn splat_from(&mut self, one: &Powers<f64>) {
+        self.n = one.n;
+        splat(&one.f[..one.count() * one.n * one.n], &mut self.f);
+        splat(&one.norms, &mut self.norms);
+        self.stable = T::Mask::splat(one.stable);
+        self.decayed = T::Mask::splat(one.decayed);
+        self.certified = T::splat(one.certified);
+        self.bound = T::splat(one.bound);
+        self.exponent = T::splat(one.exponent);
+        self.squarings = T::splat(one.squarings);
+        self.both_sides = one.both_sides;
     }
 }
 
-impl Cayley<f64> {
-    /// The same transform in every lane.
+impl<T: Real> Cayley<T> {
+    /// The transform `one` in every lane.
     #[inline(always)]
-    pub(crate) fn splat<T: Real>(&self) -> Cayley<T> {
-        Cayley {
-            gamma: T::splat(self.gamma),
-            inverse: splat(&self.inverse),
-            powers: self.powers.splat(),
-            work: Vec::new(),
-            perm: Vec::new(),
-        }
+    pub(crate) fn splat_from(&mut self, one: &Cayley<f64>) {
+        self.gamma = T::splat(one.gamma);
+        splat(&one.inverse, &mut self.inverse);
+        self.powers.splat_from(&one.powers);
     }
 }
 
-/// Numbers in every lane.
+/// Numbers in every lane, in the place of what was there.
 #[inline(always)]
-pub(crate) fn splat<T: Real>(x: &[f64]) -> Vec<T> {
-    let mut out = vec![T::zero(); x.len()];
-    for (lane, &v) in out.iter_mut().zip(x) {
+pub(crate) fn splat<T: Real>(x: &[f64], lanes: &mut Vec<T>) {
+    lanes.resize(x.len(), T::zero());
+    for (lane, &v) in lanes.iter_mut().zip(x) {
         *lane = T::splat(v);
     }
-    out
 }
 
 /// The Cayley transform of a stable matrix and its powers.

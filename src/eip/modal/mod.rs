@@ -19,7 +19,7 @@
 //! Plants or models with ill-conditioned eigenvectors are left to the doubling.
 //!
 //! Plants in lanes up to their modes, then models in lanes. Limited by multiply-adds and
-//! one division for some two pairs of eigenvalues.
+//! one division for three pairs of eigenvalues.
 
 mod modes;
 mod plants;
@@ -52,6 +52,8 @@ pub(crate) struct Modal {
     nu: usize,
     /// Modes kept of each model: one of each pair.
     kept: usize,
+    /// Those that are real in every model: the first.
+    reals: usize,
     /// Where the eigenvalues of plants are looked for first.
     start: Vec<(f64, f64)>,
     /// `C` of all models, if they have the same.
@@ -124,6 +126,7 @@ impl Modal {
             }
         }
         let kept = modes.iter().map(|m| m.values.len()).max().unwrap_or(0);
+        let reals = modes.iter().map(Modes::reals).min().unwrap_or(0);
         let slots = models.len().next_multiple_of(LANES);
         let fields = Fields::new(n, ny, nu);
         let mut modal = Self {
@@ -133,6 +136,7 @@ impl Modal {
             ny,
             nu,
             kept,
+            reals,
             start: beside(near),
             shared_c: models.iter().all(|m| m.C == first.C).then(|| first.C.clone()),
             shared_rows: (0..n).map(|r| shared_row(&models, r)).collect(),

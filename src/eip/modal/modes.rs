@@ -6,7 +6,7 @@ use super::spectrum::CONDITION;
 use crate::error::Result;
 use crate::solve::backend;
 
-/// Eigenvalues with scaled eigenvectors: `left[j]` is row `j` of `V^-1`.
+/// Eigenvalues with scaled eigenvectors, the real ones first: `left[j]` is row `j` of `V^-1`.
 pub(super) struct Modes {
     pub(super) values: Vec<(f64, f64)>,
     pub(super) right: Vec<Vec<(f64, f64)>>,
@@ -19,8 +19,14 @@ impl Modes {
         let n = a.nrows();
         let eigen = backend::eigen(a)?;
         let mut modes = Self { values: Vec::new(), right: Vec::new(), left: Vec::new() };
+        let mut order: Vec<usize> = Vec::with_capacity(n);
         let mut j = 0;
         while j < n {
+            order.push(j);
+            j += if eigen.values[j].im != 0.0 { 2 } else { 1 };
+        }
+        order.sort_by_key(|&j| eigen.values[j].im != 0.0);
+        for j in order {
             let value = eigen.values[j];
             let pair = value.im != 0.0;
             let column = |m: &Mat<f64>| -> Vec<(f64, f64)> {
@@ -48,9 +54,13 @@ impl Modes {
             modes.values.push((value.re, value.im));
             modes.right.push(x);
             modes.left.push(left);
-            j += if pair { 2 } else { 1 };
         }
         Ok(Some(modes))
+    }
+
+    /// How many are real.
+    pub(super) fn reals(&self) -> usize {
+        self.values.iter().take_while(|value| value.1 == 0.0).count()
     }
 }
 

@@ -7,6 +7,7 @@ mod blocks;
 mod collect;
 mod cost;
 mod delay;
+mod dips;
 mod doubling;
 mod engine;
 mod frequency;

@@ -5,6 +5,7 @@
 //! these two models only; all models are looked at where a boundary is accepted.
 
 use crate::eip::collect::Plants;
+use crate::eip::dips::Dips;
 use crate::eip::engine::{Engine, Flaw};
 use crate::eip::judge::DIFFER;
 use crate::eip::root::{self, Bracket};
@@ -18,10 +19,6 @@ use crate::simd::LANES;
 /// Boundaries are bracketed to this share of the grid's span or of the values
 /// there, whichever is smaller.
 const BRACKET: f64 = 1e-13;
-/// A dip is looked for where a parabola takes a rival to this share of its lead.
-const DIP: f64 = 0.25;
-/// The parabola's minimum may lie this share of a cell outside of it.
-const BESIDE: f64 = 0.2;
 /// Rounding of a Lyapunov route that is in order, in units of the last place.
 const ROUNDING: f64 = 64.0;
 /// A relative difference of the routes at a boundary above which the frequency
@@ -135,76 +132,21 @@ impl Refiner<'_, '_> {
             return Some(Cell { at, rivals: Vec::new() });
         }
         let w = a.winner()?;
-        if !self.curved(at, w) {
+        let row = |k: usize| Some((*self.values.get(k)?, self.plants.row(k)));
+        let dips = Dips {
+            winner: w,
+            before: at.checked_sub(1).and_then(row),
+            left: row(at)?,
+            right: row(at + 1)?,
+            after: row(at + 2),
+        };
+        if !dips.any() {
             return None;
         }
         let rivals = self.engine.designed.iter().copied();
-        let rivals: Vec<usize> = rivals
-            .filter(|&j| !sets::is_same(w, j, self.duplicate_of) && self.dips(at, w, j))
-            .collect();
+        let rivals: Vec<usize> =
+            rivals.filter(|&j| !sets::is_same(w, j, self.duplicate_of) && dips.of(j)).collect();
         (!rivals.is_empty()).then_some(Cell { at, rivals })
-    }
-
-    /// Whether the lead of `w` over some model is curved enough in a cell to come down to
-    /// [`DIP`] of itself, whatever its slope: seldom, so that [`Refiner::dips`] need not
-    /// look.
-    ///
-    /// ```text
-    /// p - y <= c (reach h)^2  for the lead p at an end, y <= DIP p the least, c the bend
-    /// ```
-    fn curved(&self, at: usize, w: usize) -> bool {
-        let (x, z) = (self.values[at], self.values[at + 1]);
-        let (left, right) = (self.plants.row(at), self.plants.row(at + 1));
-        let reach = (1.0 + BESIDE) * (z - x);
-        let slope = 1.0 / (z - x);
-        // in lanes, for vectors
-        let mut most = [f64::NEG_INFINITY; 8];
-        for third in [at.checked_sub(1), Some(at + 2)] {
-            let Some(k) = third.filter(|&k| k < self.values.len()) else { continue };
-            let (u, row) = (self.values[k], self.plants.row(k));
-            // of the divided differences over the cell and from its nearer end to `u`
-            let (near, inner) = if k < at { (left, x) } else { (right, z) };
-            let outward = 1.0 / (u - inner);
-            let scale = reach * reach / if k < at { z - u } else { u - x };
-            let sign = if k < at { -scale } else { scale };
-            // what the bend takes away beyond the allowed
-            let excess = |j: usize| {
-                let (p, q) = (left[j] - left[w], right[j] - right[w]);
-                let r = row[j] - row[w];
-                let bend = ((r - (near[j] - near[w])) * outward - (q - p) * slope) * sign;
-                bend - 0.99 * (1.0 - DIP) * if p < q { p } else { q }
-            };
-            let excess = |j: usize| if j == w { f64::NEG_INFINITY } else { excess(j) };
-            let whole = row.len() / 8;
-            for block in 0..whole {
-                for (lane, most) in most.iter_mut().enumerate() {
-                    let excess = excess(8 * block + lane);
-                    *most = if excess > *most { excess } else { *most };
-                }
-            }
-            for j in 8 * whole..row.len() {
-                most[0] = most[0].max(excess(j));
-            }
-        }
-        most.iter().any(|&most| most >= 0.0)
-    }
-
-    /// Whether the lead of `w` over `j` may vanish inside a cell: judged by the
-    /// parabolas through its ends and the grid point before, or the one after.
-    fn dips(&self, at: usize, w: usize, j: usize) -> bool {
-        let lead = |k: usize| {
-            let row = self.plants.row(k);
-            (self.values[k], row[j] - row[w])
-        };
-        let (p, q) = (lead(at), lead(at + 1));
-        let beside = BESIDE * (q.0 - p.0);
-        let low = |third: Option<usize>| {
-            let Some(r) = third.filter(|&k| k < self.values.len()).map(lead) else { return false };
-            root::vertex(p, q, r).is_some_and(|(x, y)| {
-                x >= p.0 - beside && x <= q.0 + beside && y <= DIP * p.1.min(q.1)
-            })
-        };
-        low(at.checked_sub(1)) || low(Some(at + 2))
     }
 
     fn grid_probe(&self, k: usize) -> Probe {

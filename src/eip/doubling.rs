@@ -24,13 +24,11 @@
 //!
 //! Limited by fused multiply-adds: `np n (np + n)` of them a doubling and pair.
 
-use std::any::Any;
-use std::sync::{Mutex, MutexGuard, PoisonError};
-
 use faer::{Mat, MatRef};
 
 use crate::eip::batch::{LoopBatch, Matrices, Shape};
 use crate::eip::setup::PairModel;
+use crate::eip::spare::Spare;
 use crate::error::{Error, Result};
 use crate::model::Time;
 use crate::real::Real;
@@ -46,9 +44,8 @@ pub(crate) struct Doubling {
     pub(crate) time: Time,
     gamma: f64,
     models: Vec<Constants>,
-    /// Buffers (a [`Scratch`]) waiting for the next call: it may be of a few plants, and
-    /// would take as long to have them made.
-    spare: Mutex<Vec<Box<dyn Any + Send>>>,
+    /// Buffers: a [`Scratch`].
+    spare: Spare,
 }
 
 /// A model's matrices, flat and row-major.
@@ -81,11 +78,7 @@ impl Doubling {
         models: impl Iterator<Item = &'m PairModel>,
     ) -> Self {
         let models = models.map(|p| Constants::new(time, gamma, p)).collect();
-        Self { time, gamma, models, spare: Mutex::new(Vec::new()) }
-    }
-
-    fn spare(&self) -> MutexGuard<'_, Vec<Box<dyn Any + Send>>> {
-        self.spare.lock().unwrap_or_else(PoisonError::into_inner)
+        Self { time, gamma, models, spare: Spare::default() }
     }
 
     /// Energies `tr(W E[eps eps'])` into `out`, blocks by models; NaN for a block
@@ -160,11 +153,10 @@ impl Kernel for Energies<'_> {
         let (d, batch) = (self.doubling, self.batch);
         let n_models = self.models.len();
         let Some(first) = self.models.first() else { return };
-        let spare = d.spare().pop().and_then(|spare| spare.downcast::<Scratch<T>>().ok());
-        let mut scratch = match spare.filter(|s| s.plants.shape == batch.shape) {
-            Some(scratch) => scratch,
-            None => Box::new(Scratch::new(d.time, batch.shape, first.n)),
-        };
+        let mut scratch = d.spare.take(
+            |scratch: &Scratch<T>| scratch.plants.shape == batch.shape,
+            || Scratch::new(d.time, batch.shape, first.n),
+        );
         let Scratch { plants, work, models, copy } = &mut *scratch;
         while models.len() < n_models {
             models.push(Splat::new(first));
@@ -184,11 +176,11 @@ impl Kernel for Energies<'_> {
                 }
             }
         }
-        d.spare().push(scratch);
+        d.spare.put(scratch);
     }
 }
 
-/// Buffers of [`Energies`]; what they held before leaves no trace.
+/// Buffers of [`Energies`].
 struct Scratch<T: Real> {
     plants: Plants<T>,
     work: Work<T>,

@@ -27,6 +27,7 @@ mod scatter;
 mod sets;
 mod setup;
 mod slabs;
+mod spare;
 mod sparse;
 mod study;
 mod sweep;

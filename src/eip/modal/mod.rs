@@ -36,6 +36,7 @@ use self::sums::Sums;
 use crate::eip::batch::LoopBatch;
 use crate::eip::doubling::Doubling;
 use crate::eip::setup::PairModel;
+use crate::eip::spare::Spare;
 use crate::error::{Eigenvalue, Result};
 use crate::simd::{self, Block, LANES};
 
@@ -64,6 +65,8 @@ pub(crate) struct Modal {
     /// Eight models after eight, each with its fields in lanes: the fields of one
     /// lane are read together, and lie together.
     data: Vec<Block>,
+    /// Buffers of plants and of sums.
+    spare: Spare,
 }
 
 /// Places of the fields in [`Modal::data`]: matrices row-major, then the modes,
@@ -142,6 +145,7 @@ impl Modal {
             shared_rows: (0..n).map(|r| shared_row(&models, r)).collect(),
             fields,
             data: Vec::new(),
+            spare: Spare::default(),
         };
         modal.data = vec![Block::default(); modal.total() * slots / LANES];
         for slot in 0..slots {

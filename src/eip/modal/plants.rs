@@ -4,13 +4,14 @@ use super::Modal;
 use super::spectrum::Spectrum;
 use crate::eip::batch::{LoopBatch, Matrices, Shape};
 use crate::eip::doubling::{Doubling, Plants};
+use crate::model::Time;
 use crate::real::{Mask, Real};
 use crate::simd::{Kernel, LANES};
 use crate::small::{Cx, Dyn, mul_nt, sym_mul_nt};
 
 /// Places of a plant's numbers: matrices row-major, then the modes, complex numbers as
 /// two.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Places {
     pub(super) shape: Shape,
     /// States of the models.
@@ -106,32 +107,27 @@ impl Kernel for Fill<'_> {
     fn run<T: Real>(self) {
         let Fill { modal, doubling, batch, first, sides } = self;
         let places = sides.places;
-        let Shape { np, ny, nu, nw } = places.shape;
-        let rank = ny + nu;
-        let mut plants = Plants::<T>::new(doubling.time, places.shape);
-        let mut spectrum = Spectrum::<T>::new(np);
-        let mut numbers = vec![T::zero(); places.total];
-        // [E B; D] and B [E B; D]'
-        let mut stacked = vec![T::zero(); (places.n + rank) * nw];
-        let mut constants = vec![T::zero(); np * (places.n + rank)];
-        let mut squares = vec![T::zero(); (places.n + rank) * (places.n + rank)];
-        let mut copy = Vec::new();
+        let Shape { np, nw, .. } = places.shape;
+        let tall = places.constants_len();
+        let mut work = modal
+            .spare
+            .take(|work: &Work<T>| work.places == places, || Work::new(doubling.time, places));
+        let Work { plants, spectrum, numbers, stacked, constants, squares, copy, .. } = &mut *work;
         sides.ways.clear();
         sides.data.clear();
         let last = batch.len().min(first + TOGETHER);
         for g in first / T::LANES..last.div_ceil(T::LANES) {
-            let block = batch.group(g, &mut copy);
+            let block = batch.group(g, copy);
             plants.solve(doubling, &block);
             let stable = plants.factor.stable();
             let good = spectrum.set(block.a, &modal.start);
-            keep_matrices(&places, &block, &plants.x, &mut numbers);
-            stack(&places, &block, &mut stacked);
-            let tall = places.n + rank;
-            mul_nt(Dyn(np), Dyn(nw), Dyn(tall), block.b, &stacked, &mut constants);
-            sym_mul_nt(Dyn(tall), Dyn(nw), &stacked, &stacked, &mut squares);
-            keep_squares(&places, &squares, &mut numbers);
+            keep_matrices(&places, &block, &plants.x, numbers);
+            stack(&places, &block, stacked);
+            mul_nt(Dyn(np), Dyn(nw), Dyn(tall), block.b, stacked, constants);
+            sym_mul_nt(Dyn(tall), Dyn(nw), stacked, stacked, squares);
+            keep_squares(&places, squares, numbers);
             for k in 0..np {
-                keep_mode(modal, &places, &spectrum, k, &plants.x, &constants, &mut numbers);
+                keep_mode(modal, &places, spectrum, k, &plants.x, constants, numbers);
             }
             let count = T::LANES.min(last - g * T::LANES);
             for l in 0..count {
@@ -152,6 +148,37 @@ impl Kernel for Fill<'_> {
                     sides.data[from + l * places.total + e] = lanes[l];
                 }
             }
+        }
+        modal.spare.put(work);
+    }
+}
+
+/// Buffers of [`Fill`].
+struct Work<T: Real> {
+    places: Places,
+    plants: Plants<T>,
+    spectrum: Spectrum<T>,
+    numbers: Vec<T>,
+    /// `[E B; D]` and `B [E B; D]'`.
+    stacked: Vec<T>,
+    constants: Vec<T>,
+    squares: Vec<T>,
+    copy: Vec<T>,
+}
+
+impl<T: Real> Work<T> {
+    fn new(time: Time, places: Places) -> Self {
+        let Shape { np, nw, .. } = places.shape;
+        let (tall, zeros) = (places.constants_len(), |len| vec![T::zero(); len]);
+        Work {
+            places,
+            plants: Plants::new(time, places.shape),
+            spectrum: Spectrum::new(np),
+            numbers: zeros(places.total),
+            stacked: zeros(tall * nw),
+            constants: zeros(np * tall),
+            squares: zeros(tall * tall),
+            copy: Vec::new(),
         }
     }
 }

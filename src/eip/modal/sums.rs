@@ -3,7 +3,7 @@
 mod side;
 mod terms;
 
-use self::side::{Plant, Side};
+use self::side::{Numbers, Plant, Side};
 use self::terms::{Factors, Terms};
 use super::Modal;
 use super::plants::{Sides, Way};
@@ -33,13 +33,9 @@ impl Kernel for Sums<'_> {
                 plants.push((k, Plant::new(modal, sides, k)));
             }
         }
-        let mut side = Side::<T>::new(modal);
-        let mut work = Work {
-            nn: vec![T::zero(); modal.n * np],
-            dd: vec![T::zero(); ny * np],
-            kv: vec![(T::zero(), T::zero()); modal.n + ny],
-            tv: vec![(T::zero(), T::zero()); modal.n],
-        };
+        let sizes = [modal.n, np, ny];
+        let mut work = modal.spare.take(|w: &Work<T>| w.sizes == sizes, || Work::new(sizes));
+        let mut side = Side::new(modal, std::mem::take(&mut work.side));
         for first in (0..modal.n_models).step_by(T::LANES) {
             let valid = T::LANES.min(modal.n_models - first);
             side.enter(first);
@@ -51,16 +47,36 @@ impl Kernel for Sums<'_> {
                 out[k * modal.n_models + first..][..valid].copy_from_slice(&lanes[..valid]);
             }
         }
+        work.side = side.numbers;
+        modal.spare.put(work);
     }
 }
 
 /// Buffers of a lane of pairs: the rows of `N` that may differ from zero, `D`, and for one
 /// mode of the plant the products with `v` (of both) and with `V^-1 X` (of `N`).
 struct Work<T> {
+    /// Orders of models and plants, outputs.
+    sizes: [usize; 3],
     nn: Vec<T>,
     dd: Vec<T>,
     kv: Vec<Complex<T>>,
     tv: Vec<Complex<T>>,
+    side: Numbers<T>,
+}
+
+impl<T: Real> Work<T> {
+    fn new(sizes: [usize; 3]) -> Self {
+        let [n, np, ny] = sizes;
+        let zeros = |len| vec![(T::zero(), T::zero()); len];
+        Work {
+            sizes,
+            nn: vec![T::zero(); n * np],
+            dd: vec![T::zero(); ny * np],
+            kv: zeros(n + ny),
+            tv: zeros(n),
+            side: Numbers::default(),
+        }
+    }
 }
 
 /// The energy of a plant with a lane of models.
@@ -154,7 +170,7 @@ fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
     let np = plant.places.shape.np;
     let rows = if ROWS > 0 { ROWS } else { plant.plan.rows.len() };
     let outputs = if ROWS > 0 || plant.plan.same_output { 0 } else { side.modal.ny };
-    let Work { nn, dd, kv, tv } = work;
+    let Work { nn, dd, kv, tv, .. } = work;
     let (kv, tv) = (&mut kv[..rows + outputs], &mut tv[..rows]);
     let mut sum = T::zero();
     for mode in plant.reals() {

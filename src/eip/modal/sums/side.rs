@@ -147,7 +147,12 @@ pub(super) struct Side<'a, T> {
     fields: &'a [Block],
     /// Place of the first model in the blocks.
     at: usize,
-    plan: Option<Plan>,
+    plan: Option<&'a Plan>,
+    pub(super) numbers: Numbers<T>,
+}
+
+/// The numbers of a lane of models that count.
+pub(super) struct Numbers<T> {
     /// `A`, `B`, `H` of the rows that count.
     rows: Vec<T>,
     c: Vec<T>,
@@ -156,12 +161,17 @@ pub(super) struct Side<'a, T> {
     pairs: Vec<T>,
 }
 
+impl<T> Default for Numbers<T> {
+    fn default() -> Self {
+        let none = Vec::new;
+        Numbers { rows: none(), c: none(), reals: none(), pairs: none() }
+    }
+}
+
 impl<'a, T: Real> Side<'a, T> {
     /// Call [`Side::enter`] and [`Side::follow`] before use.
-    pub(super) fn new(modal: &'a Modal) -> Self {
-        let none = Vec::new;
-        let (rows, c, reals, pairs) = (none(), none(), none(), none());
-        Side { modal, fields: &[], at: 0, plan: None, rows, c, reals, pairs }
+    pub(super) fn new(modal: &'a Modal, numbers: Numbers<T>) -> Self {
+        Side { modal, fields: &[], at: 0, plan: None, numbers }
     }
 
     /// Goes to the lane of models from `first` on.
@@ -175,40 +185,42 @@ impl<'a, T: Real> Side<'a, T> {
 
     /// Takes out what counts by `plan`.
     #[inline(always)]
-    pub(super) fn follow(&mut self, plan: &Plan) {
-        if self.plan.as_ref() == Some(plan) {
+    pub(super) fn follow(&mut self, plan: &'a Plan) {
+        if self.plan == Some(plan) {
             return;
         }
         let m = self.modal;
         let (n, ny, nu, f) = (m.n, m.ny, m.nu, m.fields);
-        self.rows.clear();
+        self.numbers.rows.clear();
         for &r in &plan.rows {
             for (at, len) in [(f.a, n), (f.b, nu), (f.h, ny)] {
                 for e in 0..len {
-                    self.rows.push(self.field(at + r * len + e));
+                    let x = self.field(at + r * len + e);
+                    self.numbers.rows.push(x);
                 }
             }
         }
-        self.c.clear();
-        self.reals.clear();
-        self.pairs.clear();
+        self.numbers.c.clear();
+        self.numbers.reals.clear();
+        self.numbers.pairs.clear();
         let outputs = if plan.same_output { 0 } else { ny };
         for e in 0..outputs * n {
-            self.c.push(self.field(f.c + e));
+            let x = self.field(f.c + e);
+            self.numbers.c.push(x);
         }
         for k in 0..m.kept {
             let mode = f.mode + k * f.mode_len;
             for at in &plan.of_a_mode {
                 let re = self.field(mode + at);
                 if k < m.reals {
-                    self.reals.push(re);
+                    self.numbers.reals.push(re);
                 } else {
-                    self.pairs.push(re);
-                    self.pairs.push(self.field(mode + at + 1));
+                    let im = self.field(mode + at + 1);
+                    self.numbers.pairs.extend([re, im]);
                 }
             }
         }
-        self.plan = Some(plan.clone());
+        self.plan = Some(plan);
     }
 
     #[inline(always)]
@@ -220,7 +232,7 @@ impl<'a, T: Real> Side<'a, T> {
     #[inline(always)]
     pub(super) fn row(&self, place: usize) -> (&[T], &[T], &[T]) {
         let (n, nu, ny) = (self.modal.n, self.modal.nu, self.modal.ny);
-        let (a, rest) = self.rows[place * (n + nu + ny)..][..n + nu + ny].split_at(n);
+        let (a, rest) = self.numbers.rows[place * (n + nu + ny)..][..n + nu + ny].split_at(n);
         let (b, h) = rest.split_at(nu);
         (a, b, h)
     }
@@ -228,19 +240,24 @@ impl<'a, T: Real> Side<'a, T> {
     /// Row `i` of `C`.
     #[inline(always)]
     pub(super) fn row_c(&self, i: usize) -> &[T] {
-        &self.c[i * self.modal.n..][..self.modal.n]
+        &self.numbers.c[i * self.modal.n..][..self.modal.n]
     }
 
     /// The modes that are real in every model.
     #[inline(always)]
     pub(super) fn reals(&self) -> std::slice::ChunksExact<'_, T> {
-        self.reals.chunks_exact((self.reals.len() / self.modal.reals.max(1)).max(1))
+        each(&self.numbers.reals, self.modal.reals)
     }
 
     /// The others.
     #[inline(always)]
     pub(super) fn pairs(&self) -> std::slice::ChunksExact<'_, T> {
-        let count = self.modal.kept - self.modal.reals;
-        self.pairs.chunks_exact((self.pairs.len() / count.max(1)).max(1))
+        each(&self.numbers.pairs, self.modal.kept - self.modal.reals)
     }
+}
+
+/// The slots of `count` modes.
+#[inline(always)]
+fn each<T>(numbers: &[T], count: usize) -> std::slice::ChunksExact<'_, T> {
+    numbers.chunks_exact((numbers.len() / count.max(1)).max(1))
 }

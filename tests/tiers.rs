@@ -113,7 +113,7 @@ fn flag<T: Real>(mask: T::Mask) -> T {
 struct Arithmetic;
 impl Case for Arithmetic {
     fn n_out(&self) -> usize {
-        32
+        34
     }
     #[inline(always)]
     fn call<T: Real>(&self, input: &[T], out: &mut [T]) {
@@ -122,6 +122,8 @@ impl Case for Arithmetic {
         let inside = integer.abs().le(T::splat(1022.0));
         let integer = T::select(inside, integer, T::zero());
         let (significand, exponent) = x.split();
+        let normal = x.is_finite() & x.abs().ge(T::splat(f64::MIN_POSITIVE));
+        let (near_one, power) = T::select(normal, x.abs(), T::one()).split_near_one();
         let both = x.lt(y) & y.le(z);
         let either = x.lt(y) | y.le(z);
         let all = [
@@ -143,6 +145,8 @@ impl Case for Arithmetic {
             T::pow2i(integer),
             significand,
             exponent,
+            near_one,
+            power,
             flag(x.lt(y)),
             flag(x.le(y)),
             flag(x.gt(y)),
@@ -432,4 +436,18 @@ fn fixed_and_run_time_sizes_agree() {
     unrolled(rng, Const::<3>, Const::<2>);
     unrolled(rng, Const::<4>, Const::<4>);
     unrolled(rng, Const::<5>, Const::<6>);
+}
+
+#[test]
+fn significands_near_one() {
+    let (low, high) = (std::f64::consts::FRAC_1_SQRT_2, std::f64::consts::SQRT_2);
+    let edges = [low, high, low.next_up(), high.next_up(), 1.0, 2.0, f64::MIN_POSITIVE, f64::MAX];
+    for x in edges.into_iter().flat_map(|x| [x, 0.25 * x.max(1e-300), x.next_down().max(1e-300)]) {
+        let (m, e) = x.split_near_one();
+        assert!(m > low && m <= high, "{x:e}: {m}");
+        // in two factors: 2^1024 is out of range
+        let half = (0.5 * e).floor();
+        assert_eq!(m * f64::pow2i(half) * f64::pow2i(e - half), x, "{x:e}");
+        assert_eq!(e.fract(), 0.0);
+    }
 }

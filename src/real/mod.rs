@@ -24,12 +24,12 @@ mod tier;
 mod trig;
 mod twice;
 
-pub(crate) use math::ln_of_normal;
+pub(crate) use math::minus_two_ln;
 pub use math::{exp, ln};
-pub(crate) use scalar::{TWO_52, TWO_52_BIASED};
+pub(crate) use scalar::{AFTER_ROOT_HALF, RAISED, TWO_52, TWO_52_BIASED, TWO_52_RAISED};
 pub use tier::Tier;
 pub use trig::sin_cos;
-pub(crate) use trig::sin_cos_turns;
+pub(crate) use trig::sin_cos_octant;
 pub(crate) use twice::Twice;
 
 use std::fmt::Debug;
@@ -204,6 +204,18 @@ pub trait Real:
     /// The sign is dropped. Zeros and subnormals have `e = -1023`, infinities
     /// and NaN `e = 1024`; their significand is then `1 + fraction bits`.
     fn split(self) -> (Self, Self);
+    /// The fields of a positive normal number, the significand as near to one as can be.
+    ///
+    /// ```text
+    /// x = significand * 2^e,   sqrt(1/2) < significand <= sqrt(2)   (both rounded)
+    /// ```
+    #[inline(always)]
+    fn split_near_one(self) -> (Self, Self) {
+        let (m, e) = self.split();
+        let high = m.gt(Self::splat(std::f64::consts::SQRT_2));
+        let m = Self::select(high, m * Self::splat(0.5), m);
+        (m, Self::select(high, e + Self::one(), e))
+    }
 
     /// Runs `k` in a function of its own, compiled once per tier with the
     /// tier's instruction set, where inlining at every call site would cost

@@ -9,6 +9,12 @@ const FRACTION: u64 = (1 << 52) - 1;
 pub(crate) const TWO_52: f64 = 4_503_599_627_370_496.0;
 /// Added to an integer exponent, leaves the biased exponent in the low bits.
 pub(crate) const TWO_52_BIASED: f64 = TWO_52 + 1023.0;
+/// The bits of the number after `sqrt(1/2)`, the least significand near one.
+pub(crate) const AFTER_ROOT_HALF: i64 = 0x3fe6_a09e_667f_3bce;
+/// Added to exponents that are taken apart so: none of them is negative.
+pub(crate) const RAISED: i64 = 1024;
+/// The same in a number that has them in its low bits.
+pub(crate) const TWO_52_RAISED: f64 = TWO_52 + 1024.0;
 
 impl Mask for bool {
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Normal random numbers, one stream a trial, eight trials at once.
 
-use crate::real::{Real, ln_of_normal, sin_cos_turns};
+use crate::real::{Real, minus_two_ln, sin_cos_octant};
 use crate::simd::{Block, LANES, groups};
 
 /// The increment of [`SplitMix64`]: `2^64 / golden ratio`, odd.
@@ -97,20 +97,74 @@ impl Streams {
     /// Box, Muller (1958), Annals of Mathematical Statistics 29, 610-611.
     #[inline(always)]
     pub fn normals<T: Real>(&mut self, out: &mut [Block]) {
-        let mut at = 0;
-        while at < out.len() {
-            for group in 0..groups::<T>() {
-                let lanes = group * T::LANES;
-                let u = T::uniform(&mut self.state, lanes);
-                let turn = T::uniform(&mut self.state, lanes);
-                let rho = (T::splat(-2.0) * ln_of_normal(u)).sqrt();
-                let (s, c) = sin_cos_turns(turn);
-                (rho * c).store(&mut out[at].0[lanes..]);
-                if at + 1 < out.len() {
-                    (rho * s).store(&mut out[at + 1].0[lanes..]);
-                }
+        // Step by step over all of them: one number takes more instructions than the
+        // processor looks ahead, and would wait for its own.
+        for group in 0..groups::<T>() {
+            let lanes = group * T::LANES;
+            // a copy of its own stays in registers
+            let mut state = self.state;
+            for block in &mut *out {
+                T::uniform(&mut state, lanes).store(&mut block.0[lanes..]);
             }
-            at += 2;
+            self.state = state;
+            let (pairs, rest) = out.as_chunks_mut::<2>();
+            for [first, _] in &mut *pairs {
+                radius(T::load(&first.0[lanes..])).store(&mut first.0[lanes..]);
+            }
+            for [first, second] in pairs {
+                let rho = T::load(&first.0[lanes..]);
+                let (c, s) = direction(T::load(&second.0[lanes..]));
+                (rho * c).store(&mut first.0[lanes..]);
+                (rho * s).store(&mut second.0[lanes..]);
+            }
+            for last in rest {
+                let rho = radius(T::load(&last.0[lanes..]));
+                let (c, _) = direction(T::uniform(&mut self.state, lanes));
+                (rho * c).store(&mut last.0[lanes..]);
+            }
+        }
+    }
+}
+
+/// `sqrt(-2 ln u)`.
+#[inline(always)]
+fn radius<T: Real>(u: T) -> T {
+    minus_two_ln(u).sqrt()
+}
+
+/// `cos 2 pi t` and `sin 2 pi t` for a uniform number `t`, by the octant: every difference
+/// is exact.
+///
+/// ```text
+/// a = 1/2 - t,  b = |a| - 1/4:   cos 2 pi t = sin 2 pi b,  sin 2 pi t = sign(a) cos 2 pi b
+/// |b| or 1/4 - |b|, whichever is smaller, and sine and cosine exchanged for the latter
+/// ```
+#[inline(always)]
+fn direction<T: Real>(t: T) -> (T, T) {
+    let a = T::splat(0.5) - t;
+    let b = a.abs() - T::splat(0.25);
+    let size = b.abs();
+    let octant = size.min(T::splat(0.25) - size);
+    let (sine, cosine) = sin_cos_octant(octant * T::splat(std::f64::consts::TAU));
+    let exchanged = size.gt(T::splat(0.125));
+    let (s, c) = (T::select(exchanged, cosine, sine), T::select(exchanged, sine, cosine));
+    (s.copysign(b), c.copysign(a))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::direction;
+
+    #[test]
+    fn turns_are_angles() {
+        for k in 0..100_000_u64 {
+            let t = (k.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 11) as f64 * 2f64.powi(-53);
+            let (c, s) = direction::<f64>(t);
+            let angle = std::f64::consts::TAU * t;
+            // the rounding of the angle, and of the result
+            assert!((s - libm::sin(angle)).abs() < 1e-15, "{t}");
+            assert!((c - libm::cos(angle)).abs() < 1e-15, "{t}");
+            assert!((s.mul_add(s, c * c) - 1.0).abs() < 5e-16, "{t}");
         }
     }
 }

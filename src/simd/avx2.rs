@@ -1,7 +1,10 @@
 //! Eight `f64` in a pair of 256-bit registers.
 
 use super::{Block, LANES, dispatch};
-use crate::real::{LaneKernel, Mask, Real, TWO_52, TWO_52_BIASED, Tier, sealed::Sealed};
+use crate::real::{
+    AFTER_ROOT_HALF, LaneKernel, Mask, RAISED, Real, TWO_52, TWO_52_BIASED, TWO_52_RAISED, Tier,
+    sealed::Sealed,
+};
 use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -264,6 +267,12 @@ impl Real for Pair256 {
         (significand, biased - Self::splat(TWO_52_BIASED))
     }
     #[inline(always)]
+    fn split_near_one(self) -> (Self, Self) {
+        let raised = both!(Pair256, above_root_half, self);
+        let k = both!(Pair256, high_field, raised) - Self::splat(TWO_52_RAISED);
+        (both!(Pair256, near_one, raised), k)
+    }
+    #[inline(always)]
     fn outline<K: LaneKernel<Self>>(k: K) -> K::Out {
         // SAFETY: the features of the tier were detected, or no `Pair256` type
         // could have been handed to the caller.
@@ -287,6 +296,32 @@ impl Real for Pair256 {
 #[target_feature(enable = "avx2")]
 fn exponent_from_low_bits(x: __m256d) -> __m256d {
     _mm256_castsi256_pd(_mm256_slli_epi64::<52>(_mm256_castpd_si256(x)))
+}
+
+/// As an integer the number less the one after `sqrt(1/2)`, and [`RAISED`] in the exponent
+/// field: of the significand near one and the exponent that are wanted, the distance of the
+/// former and the latter.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn above_root_half(x: __m256d) -> __m256d {
+    let by = _mm256_set1_epi64x((RAISED << 52) - AFTER_ROOT_HALF);
+    _mm256_castsi256_pd(_mm256_add_epi64(_mm256_castpd_si256(x), by))
+}
+
+/// The significand near one of [`above_root_half`].
+#[inline]
+#[target_feature(enable = "avx2")]
+fn near_one(raised: __m256d) -> __m256d {
+    let low = _mm256_and_si256(_mm256_castpd_si256(raised), _mm256_set1_epi64x((1 << 52) - 1));
+    _mm256_castsi256_pd(_mm256_add_epi64(low, _mm256_set1_epi64x(AFTER_ROOT_HALF)))
+}
+
+/// `2^52` plus the upper 12 bits as an integer.
+#[inline]
+#[target_feature(enable = "avx2")]
+fn high_field(x: __m256d) -> __m256d {
+    let field = _mm256_srli_epi64::<52>(_mm256_castpd_si256(x));
+    _mm256_or_pd(_mm256_castsi256_pd(field), _mm256_set1_pd(TWO_52))
 }
 
 /// The fraction bits under the exponent of one.

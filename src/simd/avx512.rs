@@ -1,7 +1,10 @@
 //! Eight `f64` in one 512-bit register.
 
 use super::{Block, LANES, dispatch};
-use crate::real::{LaneKernel, Mask, Real, TWO_52, TWO_52_BIASED, Tier, sealed::Sealed};
+use crate::real::{
+    AFTER_ROOT_HALF, LaneKernel, Mask, RAISED, Real, TWO_52, TWO_52_BIASED, TWO_52_RAISED, Tier,
+    sealed::Sealed,
+};
 use std::arch::x86_64::*;
 use std::fmt;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -245,6 +248,20 @@ impl Real for Lane512 {
             )
         });
         (Lane512(significand), Lane512(biased) - Self::splat(TWO_52_BIASED))
+    }
+    #[inline(always)]
+    fn split_near_one(self) -> (Self, Self) {
+        // as in two halves, see there
+        let (near_one, high) = cpu!({
+            let by = _mm512_set1_epi64((RAISED << 52) - AFTER_ROOT_HALF);
+            let raised = _mm512_add_epi64(_mm512_castpd_si512(self.0), by);
+            let low = _mm512_and_si512(raised, _mm512_set1_epi64((1 << 52) - 1));
+            let two_52 = _mm512_castpd_si512(_mm512_set1_pd(TWO_52));
+            let field = _mm512_or_si512(_mm512_srli_epi64::<52>(raised), two_52);
+            let near_one = _mm512_add_epi64(low, _mm512_set1_epi64(AFTER_ROOT_HALF));
+            (_mm512_castsi512_pd(near_one), _mm512_castsi512_pd(field))
+        });
+        (Lane512(near_one), Lane512(high) - Self::splat(TWO_52_RAISED))
     }
     #[inline(always)]
     fn outline<K: LaneKernel<Self>>(k: K) -> K::Out {

@@ -42,7 +42,9 @@ pub struct ItemReport {
     pub error_bound: Option<f64>,
     /// Condition, where computed: by how much a residual relative to the terms of
     /// the equation is amplified in `X`, in balanced coordinates. A relative
-    /// change of the data by `d` moves `X` by up to `condition * d`.
+    /// change of the data by `d` moves `X` by up to `condition * d`. Of a Lyapunov
+    /// equation it may be some times as large as it need be, where that is still
+    /// small enough for an error bound of 1e-13.
     pub condition: Option<f64>,
     /// False where the solution should not be used without thought: rounding of
     /// the data alone may move it by more than 1e-6 (`condition > 4.5e9`), the

@@ -161,6 +161,31 @@ outlined! {
     }
 }
 
+outlined! {
+    /// What [`shares`] can be at most for a part of norm `part`, with origins of zero;
+    /// infinite or NaN where that is beyond the range of numbers.
+    pub(super) fn shares_at_most(left: &'a [T], right: &'a [T], sides: [f64; 2], part: T, whole: &'a [T]) -> T {
+        let cols = right.len();
+        let even = is_even(left) & is_even(right);
+        if even.all() {
+            return T::zero();
+        }
+        let (l, r) = (T::splat(sides[0]), T::splat(sides[1]));
+        let (mut tallest, mut widest, mut sum) = (T::zero(), T::zero(), T::zero());
+        for j in 0..cols {
+            let column = power_within(right[j] * r);
+            widest = widest.max(column);
+            for i in 0..left.len() {
+                let row = power_within(left[i] * l);
+                tallest = tallest.max(row);
+                let v = whole[i * cols + j] * row * column;
+                sum = v.mul_add(v, sum);
+            }
+        }
+        T::select(even, T::zero(), part * tallest * widest / sum.sqrt())
+    }
+}
+
 /// Lanes whose exponents are all the same: units that change no ratio.
 #[inline(always)]
 fn is_even<T: Real>(k: &[T]) -> T::Mask {

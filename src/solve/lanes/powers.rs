@@ -117,6 +117,20 @@ impl<T: Real> Powers<T> {
         }))
     }
 
+    /// What the Smith sum of a matrix can be at most, over the norm of that matrix.
+    ///
+    /// ```text
+    /// |sum_j F^j Q F^j'| <= |Q| prod_k (1 + |F^(2^k)|^2)
+    /// ```
+    #[inline(always)]
+    pub(super) fn sum_at_most(&self) -> T {
+        let mut most = T::one();
+        for &norm in &self.norms {
+            most = (norm * norm).mul_add(most, most);
+        }
+        most
+    }
+
     /// Squarings made.
     #[inline(always)]
     pub(crate) fn squarings(&self) -> T {

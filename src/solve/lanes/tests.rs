@@ -171,3 +171,25 @@ fn twice_the_precision_proves_what_one_number_cannot() {
     powers.set(&block);
     assert!(powers.stable && powers.margin().lane(0) > 0.0);
 }
+
+#[test]
+fn norms_of_powers_bound_a_sum() {
+    let mut random = Sequence(77);
+    for case in 0..200 {
+        let n = 1 + case % 9;
+        let reach = [0.3, 0.7, 0.95, 1.2][case % 4];
+        let f: Vec<f64> = random.take(n * n).iter().map(|x| x * reach).collect();
+        let mut powers = Powers::new(n);
+        powers.set(&f);
+        if !powers.stable {
+            continue;
+        }
+        let v = random.take(n * n);
+        let q: Vec<f64> = (0..n * n).map(|e| v[e] + v[e % n * n + e / n]).collect();
+        let mut x = q.clone();
+        stein(&powers, &mut x, &mut vec![0.0; 2 * n * n]);
+        let norm = |x: &[f64]| x.iter().map(|v| v * v).sum::<f64>().sqrt();
+        let (sum, most) = (norm(&x), norm(&q) * powers.sum_at_most());
+        assert!(sum <= most * (1.0 + 1e-12), "order {n}: {sum} above {most}");
+    }
+}

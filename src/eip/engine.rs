@@ -14,15 +14,11 @@ use crate::eip::modal::Modal;
 use crate::eip::rates::Rates;
 use crate::eip::sets;
 use crate::eip::setup::{PairModel, Setup};
-use crate::error::{Eigenvalue, Error, Result};
+use crate::eip::stability::{Stability, delayed_stability, stability};
+use crate::error::{Error, Result};
 use crate::model::{DelayForm, block_states};
 use crate::simd::LANES;
-use crate::small::Cx;
-use crate::solve::{Mode, backend, least_stable_mode};
-
-/// A mode decays clearly if it does so by this share of its rate (a sample in
-/// discrete time).
-const DECAYS: f64 = 1e-9;
+use crate::solve::{Mode, backend};
 
 /// Relative error of the quadrature up to which it stands in for the doubling.
 const UNPROVED: f64 = 1e-6;
@@ -486,58 +482,4 @@ impl<'a> Engine<'a> {
             row[i] = upsilon(energy, offset);
         }
     }
-}
-
-/// Whether a plant has any Upsilon.
-enum Stability {
-    Stable,
-    Unstable(Mode),
-    /// On the limit, as near as can be told.
-    Unknown,
-}
-
-/// Of block `k`, whose doubling `proved` it stable or not: a loop far from normal
-/// can be stable without a proof.
-fn stability(batch: &LoopBatch, k: usize, proved: bool) -> Result<Stability> {
-    if proved {
-        return Ok(Stability::Stable);
-    }
-    let block = batch.block(k);
-    let continuous = block.time.is_continuous();
-    let mode = least_stable_mode(block.A.as_ref(), continuous)?;
-    let Eigenvalue { re, im } = mode.eigenvalue;
-    let decay = if continuous { -re / re.hypot(im) } else { 1.0 - re.hypot(im) };
-    Ok(if decay > DECAYS { Stability::Stable } else { Stability::Unstable(mode) })
-}
-
-/// Of block `k` with its exact delay, which has `count` unstable modes; `proved`
-/// concerns the approximation of the delay.
-fn delayed_stability(
-    winding: &Winding,
-    batch: &LoopBatch,
-    delayed: &DelayedBatch,
-    k: usize,
-    proved: bool,
-    count: Option<usize>,
-) -> Result<Stability> {
-    let count = match count {
-        Some(count) if proved && count > 0 => winding.count_again(delayed, k),
-        count => count,
-    };
-    match count {
-        Some(0) => return Ok(Stability::Stable),
-        None if proved => return Ok(Stability::Unknown),
-        _ => {}
-    }
-    let mut mode = least_stable_mode(batch.block(k).A.as_ref(), true)?;
-    if mode.eigenvalue.re < 0.0 {
-        let Eigenvalue { re, im } = mode.eigenvalue;
-        match winding.zero_near(delayed, k, Cx::new(re, im)) {
-            Some(zero) if zero.re > 0.0 => {
-                mode.eigenvalue = Eigenvalue { re: zero.re, im: zero.im.abs() };
-            }
-            _ => return Ok(Stability::Unknown),
-        }
-    }
-    Ok(Stability::Unstable(mode))
 }

@@ -29,6 +29,7 @@ mod setup;
 mod slabs;
 mod spare;
 mod sparse;
+mod stability;
 mod study;
 mod sweep;
 

@@ -99,6 +99,7 @@ fn rates_far_apart_take_the_frequency_integral() {
             // the sharp one; the other two models differ by 1e-12 at r = 0.01
             let b = &case.boundaries[0];
             assert!(b.uncertainty < 1e-5 * b.value, "{b:?}");
+            assert_eq!(case.error.len(), case.upsilon.len());
             for (row, error) in case.upsilon.chunks(3).zip(case.error.chunks(3)) {
                 for (u, e) in row.iter().zip(error) {
                     assert!(*e < 1e-6 * u, "{u} {e}");

@@ -61,11 +61,11 @@ pub(crate) fn bracket<E>(
         let sign = b.1 > 0.0;
         let mut right = None;
         for (&x, value) in points.iter().zip(values) {
-            let Some(y) = value else { return Ok(Bracket::Undefined(x)) };
             if right.is_some() {
-                after = Some((x, y));
+                after = value.map(|y| (x, y)).or(after);
                 break;
             }
+            let Some(y) = value else { return Ok(Bracket::Undefined(x)) };
             if y == 0.0 || (y > 0.0) == sign {
                 right = Some((x, y));
                 after = Some(b);

@@ -59,7 +59,7 @@ fn parts_have_the_bits_of_the_study_at_once() {
     let done = shard(&plan(&text, 100, false), Shard::WHOLE, &dir).unwrap();
     assert!(done.manifest.complete && done.computed == 14 && done.kept == 0);
     let pairs = rows(&dir, "upsilon");
-    assert_eq!(pairs.len(), case.upsilon.len());
+    assert_eq!([pairs.len(), case.error.len()], [case.upsilon.len(); 2]);
     for (row, (upsilon, error)) in pairs.iter().zip(case.upsilon.iter().zip(&case.error)) {
         assert!(same(number(row, "upsilon"), *upsilon) && same(number(row, "error"), *error));
     }

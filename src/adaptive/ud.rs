@@ -105,13 +105,10 @@ pub(super) fn project<T: Real>(
     scratch: &mut [T],
 ) {
     let p = theta.len();
-    let inside = |x: T, i: usize| {
-        let x = T::select(x.lt(low[i]), low[i], x);
-        T::select(x.gt(high[i]), high[i], x)
-    };
     for i in first..p {
-        let wanted = inside(theta[i], i - first);
-        let out = theta[i].lt(low[i - first]) | theta[i].gt(high[i - first]);
+        let bounds = [low[i - first], high[i - first]];
+        let wanted = inside(theta[i], bounds);
+        let out = theta[i].lt(bounds[0]) | theta[i].gt(bounds[1]);
         if !out.any() {
             continue;
         }
@@ -124,8 +121,15 @@ pub(super) fn project<T: Real>(
         theta[i] = T::select(out, wanted, theta[i]);
     }
     for i in first..p {
-        theta[i] = inside(theta[i], i - first);
+        theta[i] = inside(theta[i], [low[i - first], high[i - first]]);
     }
+}
+
+/// The number of `[low, high]` that is nearest to `x`; NaN for NaN.
+#[inline(always)]
+fn inside<T: Real>(x: T, [low, high]: [T; 2]) -> T {
+    let x = T::select(x.lt(low), low, x);
+    T::select(x.gt(high), high, x)
 }
 
 /// `U D U'` over the parameters from `first` on, row by row.

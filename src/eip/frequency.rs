@@ -300,10 +300,11 @@ impl<T: Real> Scratch<T> {
     pub(super) fn solve_loop(&mut self, block: &LoopBlock, w: T, s: Cx<T>) {
         let (np, nw) = (block.np(), block.nw());
         // e^{-jw tau}
-        let shift = block.delayed.as_ref().map(|d| {
+        let mut shift = None;
+        if let Some(d) = &block.delayed {
             let (sin, cos) = sin_cos(w * T::splat(d.tau));
-            (d, Cx { re: cos, im: -sin })
-        });
+            shift = Some((d, Cx { re: cos, im: -sin }));
+        }
         self.matrix.clear();
         for i in 0..np {
             for j in 0..np {

@@ -38,27 +38,32 @@ const ATANH: [f64; 7] = [
 
 /// `-2 ln(1 + f) / f` in powers of `f` for `sqrt(1/2) <= 1 + f <= sqrt(2)`, near-minimax,
 /// 5e-17 relative.
-const MINUS_TWO_LN: [f64; 20] = [
-    -2.0,
-    0.999_999_999_999_999_2,
-    -0.666_666_666_666_512,
-    0.500_000_000_000_287_5,
-    -0.400_000_000_042_333_7,
-    0.333_333_333_326_626_6,
-    -0.285_714_281_241_176_9,
-    0.249_999_996_135_544_9,
-    -0.222_222_458_122_938_25,
-    0.200_000_391_308_656_04,
-    -0.181_811_314_002_415_87,
-    0.166_650_282_359_410_18,
-    -0.153_958_032_474_778_16,
-    0.143_216_106_721_864_2,
-    -0.132_413_031_134_222_1,
-    0.120_743_146_366_300_11,
-    -0.119_477_478_290_685_83,
-    0.135_972_361_572_459_34,
-    -0.126_703_349_210_751_77,
-    0.056_600_801_131_443_99,
+const MINUS_TWO_LN: [[f64; 4]; 5] = [
+    [-2.0, 0.999_999_999_999_999_2, -0.666_666_666_666_512, 0.500_000_000_000_287_5],
+    [
+        -0.400_000_000_042_333_7,
+        0.333_333_333_326_626_6,
+        -0.285_714_281_241_176_9,
+        0.249_999_996_135_544_9,
+    ],
+    [
+        -0.222_222_458_122_938_25,
+        0.200_000_391_308_656_04,
+        -0.181_811_314_002_415_87,
+        0.166_650_282_359_410_18,
+    ],
+    [
+        -0.153_958_032_474_778_16,
+        0.143_216_106_721_864_2,
+        -0.132_413_031_134_222_1,
+        0.120_743_146_366_300_11,
+    ],
+    [
+        -0.119_477_478_290_685_83,
+        0.135_972_361_572_459_34,
+        -0.126_703_349_210_751_77,
+        0.056_600_801_131_443_99,
+    ],
 ];
 
 /// `c[0] + c[1] x + c[2] x^2 + ..` by Horner's rule.
@@ -145,17 +150,22 @@ pub(crate) fn minus_two_ln<T: Real>(u: T) -> T {
     let (m, k) = u.split_near_one();
     let f = m - T::one();
     // by Estrin's rule: a chain of twenty would fill the processor's queue
-    let c = |i: usize| T::splat(MINUS_TWO_LN[i]);
-    let z = f * f;
-    let z2 = z * z;
+    let powers = [f, f * f];
+    let z2 = powers[1] * powers[1];
     let z4 = z2 * z2;
-    let four = |i: usize| {
-        let (low, high) = (c(i + 1).mul_add(f, c(i)), c(i + 3).mul_add(f, c(i + 2)));
-        high.mul_add(z, low)
-    };
-    let eight = |i: usize| four(i + 4).mul_add(z2, four(i));
-    let p = four(16).mul_add(z4, eight(8)).mul_add(z4, eight(0));
+    let [a, b, c, d, e] = &MINUS_TWO_LN;
+    let low = cubic(b, powers).mul_add(z2, cubic(a, powers));
+    let high = cubic(d, powers).mul_add(z2, cubic(c, powers));
+    let p = cubic(e, powers).mul_add(z4, high).mul_add(z4, low);
     f.mul_add(p, k * T::splat(-2.0 * LN_2))
+}
+
+/// `c_0 + c_1 x + c_2 x^2 + c_3 x^3` with `x` and `x^2` given.
+#[inline(always)]
+fn cubic<T: Real>(c: &[f64; 4], [x, square]: [T; 2]) -> T {
+    let low = T::splat(c[1]).mul_add(x, T::splat(c[0]));
+    let high = T::splat(c[3]).mul_add(x, T::splat(c[2]));
+    high.mul_add(square, low)
 }
 
 /// `ln(2^e m)`, `1 <= m < 2`.

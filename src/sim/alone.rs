@@ -26,9 +26,11 @@ impl Kernel for Simulate<'_> {
     #[inline(always)]
     fn run<T: Real>(self) -> Result<()> {
         let source = &self.plan.source;
-        let mut walks: Vec<Walk<'_, T>> = (0..groups::<T>())
-            .map(|group| Walk::new(source, self.plan.seed, self.first, group))
-            .collect();
+        // no closure, which would be compiled without the instructions of the tier
+        let mut walks: Vec<Walk<'_, T>> = Vec::with_capacity(groups::<T>());
+        for group in 0..groups::<T>() {
+            walks.push(Walk::new(source, self.plan.seed, self.first, group));
+        }
         let room = |len: usize| vec![Block::default(); len];
         let inputs = walks.first().map_or(0, |w| w.u.len());
         let (mut x, mut y, mut u) = (room(source.n), room(source.q), room(inputs));

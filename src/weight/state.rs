@@ -153,6 +153,7 @@ impl<T: Real> Weights<T> {
 
     /// Takes the weight of the models marked by `out` for good; where nothing is
     /// left nothing sums to one.
+    #[inline(always)]
     pub fn leave_out(&mut self, out: &[bool]) {
         if !out.contains(&true) {
             return;
@@ -167,6 +168,7 @@ impl<T: Real> Weights<T> {
 
     /// Makes the weights sum to one again after [`Weights::log_p_mut`]; lanes
     /// without any stay as they are.
+    #[inline(always)]
     pub fn renormalise(&mut self) {
         let _ = normalise(&mut self.log_p);
     }

@@ -177,6 +177,34 @@ impl Real for Lane512 {
         })
     }
     #[inline(always)]
+    fn uniform(state: &mut [[u64; LANES]; 4], _: usize) -> Self {
+        // In registers: the compiler takes the rotations word by word. SAFETY: the reads and
+        // the writes are of eight words each, of arrays of eight, and take any alignment;
+        // for the intrinsics see `cpu`.
+        let above_one = unsafe {
+            let mut words = [_mm512_setzero_si512(); 4];
+            for w in 0..4 {
+                words[w] = _mm512_loadu_si512(state[w].as_ptr().cast());
+            }
+            let [mut a, mut b, mut c, mut d] = words;
+            let turned = _mm512_rol_epi64::<23>(_mm512_add_epi64(a, d));
+            let word = _mm512_add_epi64(turned, a);
+            let shifted = _mm512_slli_epi64::<17>(b);
+            c = _mm512_xor_si512(c, a);
+            d = _mm512_xor_si512(d, b);
+            b = _mm512_xor_si512(b, c);
+            a = _mm512_xor_si512(a, d);
+            c = _mm512_xor_si512(c, shifted);
+            d = _mm512_rol_epi64::<45>(d);
+            for (w, value) in [a, b, c, d].into_iter().enumerate() {
+                _mm512_storeu_si512(state[w].as_mut_ptr().cast(), value);
+            }
+            let one = _mm512_castpd_si512(_mm512_set1_pd(1.0));
+            _mm512_castsi512_pd(_mm512_or_si512(_mm512_srli_epi64::<12>(word), one))
+        };
+        Lane512(above_one) - Self::splat(1.0 - 0.5 * f64::EPSILON)
+    }
+    #[inline(always)]
     fn mul_add(self, a: Self, b: Self) -> Self {
         Lane512(cpu!(_mm512_fmadd_pd(self.0, a.0, b.0)))
     }

@@ -79,7 +79,9 @@ impl<'a, T: Real> Recorder<'a, T> {
         self.report += 1;
         for (l, kept) in &mut self.kept {
             let of = |values: &[T], out: &mut Vec<f64>| {
-                out.extend(values.iter().map(|v| v.lane(*l)));
+                for v in values {
+                    out.push(v.lane(*l));
+                }
             };
             of(seen.x, &mut kept.x);
             of(&self.scratch.fused, &mut kept.x_hat);

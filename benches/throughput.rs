@@ -22,6 +22,7 @@ use mmae::par::RunControl;
 use mmae::sim::{Measurement, MonteCarlo, Truth};
 use mmae::simd::Panel;
 use mmae::solve::{self, Checks, Lyapunov, Riccati, Solutions};
+use mmae::weight::posterior;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -254,14 +255,7 @@ fn bank(sizes: [usize; 3]) -> Any<Run> {
     Ok(Box::new(move |control| {
         let arrays = Arrays { records: RECORDS, steps: STEPS, y: &y, ..Arrays::default() };
         let log_lik = mmae.log_likelihoods(&arrays, control)?;
-        let mut p = vec![0.0; sizes[2]];
-        for log_lik in log_lik.chunks(sizes[2]) {
-            let top = log_lik.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            for (p, l) in p.iter_mut().zip(log_lik) {
-                *p = (l - top).exp();
-            }
-            std::hint::black_box(&p);
-        }
+        std::hint::black_box(posterior(&prior, &log_lik)?);
         let first = &log_lik[..CHECKED_RECORDS * sizes[2]];
         let checksum = first.iter().sum::<f64>() / (first.len() * STEPS) as f64;
         Ok(Pass { items: RECORDS * STEPS * sizes[2], checksum })

@@ -76,7 +76,17 @@ impl Arrays<'_> {
         &self.u[row * m..][..m]
     }
 
+    /// Fails for arrays of other shapes, or with numbers that no record can have.
     pub(super) fn check(&self, m: usize, q: usize) -> Result<()> {
+        self.check_shapes(m, q)?;
+        self.check_numbers(m, q)
+    }
+
+    pub(super) fn check_numbers(&self, m: usize, q: usize) -> Result<()> {
+        check_signals(self.y, self.u, self.steps, [m, q])
+    }
+
+    pub(super) fn check_shapes(&self, m: usize, q: usize) -> Result<()> {
         if self.steps == 0 {
             let remedy = "give at least one".into();
             return Err(Error::Range { what: "steps".into(), value: 0.0, remedy });
@@ -92,7 +102,7 @@ impl Arrays<'_> {
         if !(inputs == 0 || inputs == rows * m || inputs == self.steps * m) {
             return shape("u of the records", m, inputs);
         }
-        check_signals(self.y, self.u, self.steps, [m, q])
+        Ok(())
     }
 }
 

@@ -7,7 +7,7 @@ use crate::bank::{Schedule, Tile};
 use crate::error::Result;
 use crate::par::{RunControl, map_parts};
 use crate::real::Real;
-use crate::simd::{Kernel, LANES, dispatch};
+use crate::simd::{Kernel, LANES, dispatch, prefetch};
 use crate::weight::Law;
 
 /// Records of a part of work.
@@ -19,7 +19,7 @@ impl Mmae {
     /// Log-likelihood of each record under each model, shape (record, model): what
     /// [`Mmae::run_arrays`] returns as
     /// [`Courses::log_lik_models`](super::Courses::log_lik_models), by bits, without
-    /// weights and estimates.
+    /// weights and estimates; [`posterior`](crate::weight::posterior) makes weights of them.
     ///
     /// ```text
     /// l_i = sum_k ln N(r_i(k); 0, S_i(k)),   p_i ~ p_i(0) e^{l_i}
@@ -63,13 +63,18 @@ impl Mmae {
             && matches!(self.law(), Law::Bayes | Law::Dwsg { .. } | Law::Zhang { .. })
             && *self.innovation() == Innovation::Filter
             && arrays.u.is_empty();
-        arrays.check(m, q)?;
+        arrays.check_shapes(m, q)?;
         let schedule = if plain { Some(self.schedule(arrays.steps as u64)?) } else { None };
         let whole = schedule.as_ref().filter(|s| s.of_all(0).is_some());
         let Some(schedule) = whole else {
             let ends = Arrays { every: 0, ..*arrays };
             return Ok(self.run_arrays(&ends, control)?.log_lik_models);
         };
+        // A number that is not finite shows in the totals of its record, if any model is left:
+        // to look for it before would read all records once more, a tenth of the time.
+        if self.bank().failures().iter().all(Option::is_some) {
+            arrays.check_numbers(m, q)?;
+        }
         let mut out = vec![f64::NAN; arrays.records * models];
         let parts: Vec<(usize, &mut [f64])> = out
             .chunks_mut(CHUNK * models)
@@ -87,7 +92,7 @@ impl Mmae {
     }
 
     /// Does the records with missing samples, and those of which a number is not
-    /// finite, by the whole engine.
+    /// finite, by the whole engine; fails for an infinite measurement.
     fn repair(&self, arrays: &Arrays<'_>, first: usize, totals: &mut [f64]) -> Result<()> {
         let (models, q) = (self.bank().models(), self.bank().sizes()[2]);
         let failures = self.bank().failures();
@@ -102,6 +107,9 @@ impl Mmae {
                 continue;
             }
             let y = &arrays.y[(first + k) * each..][..each];
+            if y.iter().any(|v| v.is_infinite()) {
+                arrays.check_numbers(0, q)?;
+            }
             let one = Arrays { records: 1, y, every: 0, ..*arrays };
             let control = RunControl::default().threads(1);
             row.copy_from_slice(&self.run_arrays(&one, &control)?.log_lik_models);
@@ -195,17 +203,22 @@ impl Totals<'_> {
     }
 
     /// Measurements of a tile, shape (step, output, vector); records that are not
-    /// there repeat the last.
+    /// there repeat the last. Those of the next tile are asked for: so many records are
+    /// more than the processor follows by itself.
     #[inline(always)]
     fn gather<T: Real, const V: usize>(&self, from: usize, count: usize, k: usize, y: &mut [T]) {
         let q = self.schedule.q;
         let each = self.arrays.steps * q;
         let len = y.len() / V;
         for v in 0..V {
-            let rows: [&[f64]; LANES] = std::array::from_fn(|l| {
-                let record = (from + v * T::LANES + l).min(count - 1);
-                &self.arrays.y[(self.first + record) * each + k * q..][..len]
-            });
+            let mut rows: [&[f64]; LANES] = [&[]; LANES];
+            for (l, row) in rows.iter_mut().enumerate() {
+                let record = self.first + (from + v * T::LANES + l).min(count - 1);
+                let whole = &self.arrays.y[record * each..][..each];
+                let (now, later) = whole[k * q..].split_at(len);
+                prefetch(&later[..later.len().min(len)]);
+                *row = now;
+            }
             let mut e = 0;
             while e + 8 <= len {
                 let columns = T::load_columns(&rows, e);

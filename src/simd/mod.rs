@@ -16,10 +16,12 @@ mod avx2;
 mod avx512;
 mod dispatch;
 mod grid;
+mod prefetch;
 mod storage;
 
 pub use crate::real::Tier;
 pub use dispatch::{Kernel, dispatch, dispatch_on};
 pub(crate) use dispatch::{dispatch_twice, outline_scalar, outline_twice};
 pub(crate) use grid::{Grid, GridMut, Walk};
+pub(crate) use prefetch::prefetch;
 pub use storage::{Block, LANES, Panel, groups, load_group, store_group};

@@ -22,10 +22,12 @@ mod law;
 mod log;
 mod markov;
 mod ode;
+mod posterior;
 mod state;
 mod zhang;
 
 pub use law::{DwsgScheme, Law, Modifiers, Window};
 pub use markov::Transition;
 pub use ode::OdeNodes;
+pub use posterior::posterior;
 pub use state::{Evidence, Weights, check_prior};

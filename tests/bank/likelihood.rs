@@ -1,11 +1,11 @@
 //! Log-likelihoods without weights: the bits of the whole engine.
 
-use mmae::Mat;
 use mmae::bank::{GainMode, Members, Settings};
 use mmae::engine::{Arrays, Mmae, Weighting};
 use mmae::model::{Plant, Time};
 use mmae::observer::ObserverKind;
 use mmae::par::RunControl;
+use mmae::{Error, Mat};
 
 /// Entries in [-1, 1).
 fn uniform(state: &mut u64) -> f64 {
@@ -93,4 +93,21 @@ fn wrong_sizes_are_refused() {
     assert!(mmae.log_likelihoods(&arrays, &RunControl::default()).is_err());
     let none = Arrays { records: 0, steps: 3, y: &[], ..Arrays::default() };
     assert!(mmae.log_likelihoods(&none, &RunControl::default()).unwrap().is_empty());
+}
+
+#[test]
+fn an_infinite_measurement_is_named() {
+    let steps = 40;
+    for (records, place) in [(1, 0), (80, 70)] {
+        let mut y = vec![0.5; records * steps * 2];
+        y[(place * steps + 11) * 2 + 1] = f64::NEG_INFINITY;
+        // before it, what is no error
+        y[0] = f64::NAN;
+        let arrays = Arrays { records, steps, y: &y, ..Arrays::default() };
+        let mmae = bank(2, 2, 3, GainMode::Steady);
+        let error = mmae.log_likelihoods(&arrays, &RunControl::default()).unwrap_err();
+        let what = format!("y of record {place}");
+        assert_eq!(error, mmae.run_arrays(&arrays, &RunControl::default()).unwrap_err());
+        assert!(matches!(error, Error::NonFinite { what: w, row: 11, col: 1 } if w == what));
+    }
 }

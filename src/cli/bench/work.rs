@@ -13,6 +13,7 @@ use crate::par::RunControl;
 use crate::sim::{Measurement, MonteCarlo, Streams, Truth};
 use crate::simd::{Block, LANES};
 use crate::solve::{Checks, Lyapunov, Riccati, dare_with, lyapunov_discrete_with};
+use crate::weight::posterior;
 
 /// Items done, and the floating-point operations that they take at least.
 pub(super) struct Done {
@@ -90,14 +91,7 @@ fn bank(plants: Vec<Plant>) -> Result<Run> {
     Ok(Box::new(move |control| {
         let arrays = Arrays { records, steps, y: &y, ..Arrays::default() };
         let log_lik = mmae.log_likelihoods(&arrays, control)?;
-        let mut p = vec![0.0; models];
-        for log_lik in log_lik.chunks(models) {
-            let top = log_lik.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-            for (p, l) in p.iter_mut().zip(log_lik) {
-                *p = libm::exp(l - top);
-            }
-            black_box(&p);
-        }
+        black_box(posterior(&prior, &log_lik)?);
         let items = (records * steps * models) as f64;
         Ok(Done { items, flops: items * step_flops(n, q) })
     }))

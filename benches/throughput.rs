@@ -14,17 +14,18 @@
 use mmae::Mat;
 use mmae::adaptive::LeastSquares;
 use mmae::bank::{Members, Settings};
-use mmae::eip::{Method, Study, Verify};
 use mmae::engine::{Arrays, Mmae, Weighting};
-use mmae::model::{Grid, Plant, Time, systems};
-use mmae::observer::{ModelSet, ObserverKind};
+use mmae::model::{Plant, Time};
+use mmae::observer::ObserverKind;
 use mmae::par::RunControl;
 use mmae::sim::{Measurement, MonteCarlo, Truth};
 use mmae::simd::Panel;
 use mmae::solve::{self, Checks, Lyapunov, Riccati, Solutions};
 use mmae::weight::posterior;
-use std::sync::Arc;
 use std::time::Instant;
+
+#[path = "throughput/eip.rs"]
+mod eip;
 
 type Any<T> = Result<T, Box<dyn std::error::Error>>;
 
@@ -149,73 +150,6 @@ impl Batch {
 struct Pass {
     items: usize,
     checksum: f64,
-}
-
-/// Pendulums with lengths from 0.9 to 1.9 m against models of the given lengths.
-fn pendulums(lengths: Vec<f64>, plants: usize) -> Any<Study> {
-    let bank = ModelSet {
-        observer: ObserverKind::KalmanBucy,
-        parameters: vec!["L".into()],
-        models: lengths.into_iter().map(|l| vec![l]).collect(),
-        labels: Vec::new(),
-        shaping: true,
-        Q: None,
-        R: None,
-    };
-    let grid = Grid::linear("L", 0.9, 1.9, plants)?;
-    Ok(Study {
-        surroundings: systems::pendulum_surroundings(),
-        verify: Verify::None,
-        ..Study::new(Arc::new(systems::pendulum()), bank, grid)
-    })
-}
-
-/// Mean of ln Upsilon.
-fn mean_ln(upsilon: impl ExactSizeIterator<Item = f64>) -> f64 {
-    let count = upsilon.len() as f64;
-    upsilon.map(f64::ln).sum::<f64>() / count
-}
-
-/// 401 pendulums by 4 models, end to end: observers, Upsilon (one route), sets and
-/// refined boundaries. The checksum is the mean of ln Upsilon.
-fn eip_pendulum(control: &RunControl<'_>) -> Any<Pass> {
-    let study = pendulums(vec![1.025, 1.287, 1.526, 1.778], 401)?;
-    let upsilon = &study.run(control)?.cases[0].upsilon;
-    let checksum = mean_ln(upsilon.iter().copied());
-    // The value of SciPy's Lyapunov solver on the same 1604 pairs.
-    let wanted = 4.825_117_768_92;
-    if (checksum / wanted - 1.0).abs() < 1e-9 {
-        Ok(Pass { items: upsilon.len(), checksum })
-    } else {
-        Err(format!("mean ln Upsilon is {checksum}, wanted {wanted}").into())
-    }
-}
-
-/// The same with 256 models, and 100 plants for each that the doubling is asked for, too:
-/// the checksum is the mean over these.
-fn eip_pendulum_256(test: bool) -> Any<Run> {
-    const MODELS: usize = 256;
-    let spacing = if test { 2 } else { 100 };
-    let lengths: Vec<f64> = (0..MODELS).map(|k| 0.9 + k as f64 / 255.0).collect();
-    let study = pendulums(lengths.clone(), 40 * spacing + 1)?;
-    let few = Study { method: Some(Method::Doubling), ..pendulums(lengths, 41)? };
-    let wanted = std::cell::OnceCell::new();
-    Ok(Box::new(move |control| {
-        let upsilon = &study.run(control)?.cases[0].upsilon;
-        if wanted.get().is_none() {
-            let by_doubling = &few.run(control)?.cases[0].upsilon;
-            let _ = wanted.set(mean_ln(by_doubling.iter().copied()));
-        }
-        let wanted = wanted.get().copied().unwrap_or(f64::NAN);
-        let few: Vec<f64> =
-            upsilon.chunks(MODELS).step_by(spacing).flat_map(|row| row.iter().copied()).collect();
-        let checksum = mean_ln(few.into_iter());
-        if (checksum / wanted - 1.0).abs() < 1e-9 {
-            Ok(Pass { items: upsilon.len(), checksum })
-        } else {
-            Err(format!("mean ln Upsilon is {checksum}, by doubling {wanted}").into())
-        }
-    }))
 }
 
 /// A bank of `benches/peers/problems.py`: n, q and the number of models.
@@ -383,8 +317,7 @@ fn cases(test: bool) -> Any<Vec<(String, Run)>> {
             }
         }
     }
-    out.push(("eip_pendulum".into(), Box::new(eip_pendulum)));
-    out.push(("eip_pendulum_N256".into(), eip_pendulum_256(test)?));
+    out.extend(eip::cases(test)?);
     for (name, sizes) in BANKS {
         out.push((format!("bank_{name}"), bank(sizes)?));
         out.push((format!("simulate_{name}"), simulate(sizes)));

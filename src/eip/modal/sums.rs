@@ -3,7 +3,7 @@
 mod side;
 mod terms;
 
-use self::side::{Numbers, Plant, Side};
+use self::side::{Numbers, Plan, Plant, Side};
 use self::terms::{Factors, Terms};
 use super::Modal;
 use super::plants::{Sides, Way};
@@ -27,10 +27,11 @@ impl Kernel for Sums<'_> {
     fn run<T: Real>(self) {
         let Sums { modal, sides, out } = self;
         let (np, ny) = (sides.places.shape.np, modal.ny);
+        let mut plans = Vec::new();
         let mut plants = Vec::with_capacity(sides.ways.len());
         for (k, &way) in sides.ways.iter().enumerate() {
             if way == Way::Modes {
-                plants.push((k, Plant::new(modal, sides, k)));
+                plants.push((k, Plant::new(modal, sides, k, &mut plans)));
             }
         }
         let sizes = [modal.n, np, ny];
@@ -40,8 +41,9 @@ impl Kernel for Sums<'_> {
             let valid = T::LANES.min(modal.n_models - first);
             side.enter(first);
             for (k, plant) in &plants {
-                side.follow(&plant.plan);
-                let energy = energy(&side, plant, &mut work);
+                let plan = &plans[plant.plan];
+                side.follow(plant.plan, plan);
+                let energy = energy(&side, plant, plan, &mut work);
                 let mut lanes = [0.0; LANES];
                 energy.store(&mut lanes);
                 out[k * modal.n_models + first..][..valid].copy_from_slice(&lanes[..valid]);
@@ -81,17 +83,17 @@ impl<T: Real> Work<T> {
 
 /// The energy of a plant with a lane of models.
 #[inline(always)]
-fn energy<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, work: &mut Work<T>) -> T {
+fn energy<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work: &mut Work<T>) -> T {
     let (m, p) = (side.modal, plant.places);
     let f = &m.fields;
     let (n, np, ny) = (m.n, p.shape.np, m.ny);
-    differences(side, plant, work);
+    differences(side, plant, plan, work);
     let mut energy = T::zero();
     for &(field, factor) in &plant.own {
         energy = side.field(field).mul_add(T::splat(factor), energy);
     }
     let x = &plant.numbers[p.x..][..np * np];
-    if !plant.plan.same_output {
+    if !plan.same_output {
         for i in 0..ny {
             for j in 0..ny {
                 let w = side.field(f.w + i * ny + j);
@@ -100,28 +102,28 @@ fn energy<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, work: &mut Work<T>) ->
         }
     }
     if !m.continuous {
-        for (i, &row) in plant.plan.rows.iter().enumerate() {
-            for (j, &col) in plant.plan.rows.iter().enumerate() {
+        for (i, &row) in plan.rows.iter().enumerate() {
+            for (j, &col) in plan.rows.iter().enumerate() {
                 let z = side.field(f.z + row * n + col);
                 energy = z.mul_add(form(x, np, &work.nn, i, j), energy);
             }
         }
     }
     // the usual: one parameter enters one row of A, or two
-    let coupling = match (plant.plan.rows.len(), plant.plan.same_output, m.continuous) {
-        (1, true, true) => couplings::<T, 1, true>(side, plant, work),
-        (2, true, true) => couplings::<T, 2, true>(side, plant, work),
-        (_, _, true) => couplings::<T, 0, true>(side, plant, work),
-        _ => couplings::<T, 0, false>(side, plant, work),
+    let coupling = match (plan.rows.len(), plan.same_output, m.continuous) {
+        (1, true, true) => couplings::<T, 1, true>(side, plant, plan, work),
+        (2, true, true) => couplings::<T, 2, true>(side, plant, plan, work),
+        (_, _, true) => couplings::<T, 0, true>(side, plant, plan, work),
+        _ => couplings::<T, 0, false>(side, plant, plan, work),
     };
     coupling.mul_add(T::splat(if m.continuous { -2.0 } else { 2.0 }), energy)
 }
 
 /// Fills `D` (unless it is zero) and the rows of `N`.
 #[inline(always)]
-fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, work: &mut Work<T>) {
+fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work: &mut Work<T>) {
     let (m, p) = (side.modal, plant.places);
-    let (np, same_output) = (p.shape.np, plant.plan.same_output);
+    let (np, same_output) = (p.shape.np, plan.same_output);
     let row = |at: usize, r: usize| &plant.numbers[at + r * np..][..np];
     if !same_output {
         for i in 0..m.ny {
@@ -134,14 +136,16 @@ fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, work: &mut Work<T
             }
         }
     }
-    for (at, &r) in plant.plan.rows.iter().enumerate() {
+    for (at, &r) in plan.rows.iter().enumerate() {
         let nn = &mut work.nn[at * np..][..np];
         let (a, b, h) = side.row(at);
-        for (v, &x) in nn.iter_mut().zip(row(p.a, r)) {
-            *v = T::splat(x);
+        let (leading, rest) = row(p.a, r).split_at(a.len());
+        let (nn_leading, nn_rest) = nn.split_at_mut(a.len());
+        for ((v, &x), &a) in nn_leading.iter_mut().zip(leading).zip(a) {
+            *v = T::splat(x) - a;
         }
-        for (v, &a) in nn.iter_mut().zip(a) {
-            *v = *v - a;
+        for (v, &x) in nn_rest.iter_mut().zip(rest) {
+            *v = T::splat(x);
         }
         for (k, b) in b.iter().enumerate() {
             for (v, &cu) in nn.iter_mut().zip(row(p.cu, k)) {
@@ -165,15 +169,18 @@ fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, work: &mut Work<T
 fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
     side: &Side<'_, T>,
     plant: &Plant<'_>,
+    plan: &Plan,
     work: &mut Work<T>,
 ) -> T {
     let np = plant.places.shape.np;
-    let rows = if ROWS > 0 { ROWS } else { plant.plan.rows.len() };
-    let outputs = if ROWS > 0 || plant.plan.same_output { 0 } else { side.modal.ny };
+    let rows = if ROWS > 0 { ROWS } else { plan.rows.len() };
+    let outputs = if ROWS > 0 || plan.same_output { 0 } else { side.modal.ny };
     let Work { nn, dd, kv, tv, .. } = work;
     let (kv, tv) = (&mut kv[..rows + outputs], &mut tv[..rows]);
     let mut sum = T::zero();
-    for mode in plant.reals() {
+    let ([reals, pairs], [model_reals, model_pairs]) = (plant.counts(), side.counts());
+    for k in 0..reals {
+        let mode = plant.real(k);
         for r in 0..rows {
             let row = &nn[r * np..][..np];
             kv[r].0 = real_row(row, mode.v);
@@ -184,15 +191,16 @@ fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
         }
         let factors = Factors { mode, kv: &*kv, tv: &*tv };
         let mut terms = Terms::new();
-        for slot in side.reals() {
-            terms.add(factors.real_real::<ROWS, CONTINUOUS>(slot), &mut sum);
+        for i in 0..model_reals {
+            terms.add(factors.real_real::<ROWS, CONTINUOUS>(side.real(i)), &mut sum);
         }
-        for slot in side.pairs() {
-            terms.add(factors.real_pair::<ROWS, CONTINUOUS>(slot), &mut sum);
+        for i in 0..model_pairs {
+            terms.add(factors.real_pair::<ROWS, CONTINUOUS>(side.pair(i)), &mut sum);
         }
         terms.finish(&mut sum);
     }
-    for mode in plant.pairs() {
+    for k in 0..pairs {
+        let mode = plant.pair(k);
         for r in 0..rows {
             let row = &nn[r * np..][..np];
             kv[r] = complex_row(row, mode.v);
@@ -203,11 +211,11 @@ fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
         }
         let factors = Factors { mode, kv: &*kv, tv: &*tv };
         let mut terms = Terms::new();
-        for slot in side.reals() {
-            terms.add(factors.pair_real::<ROWS, CONTINUOUS>(slot), &mut sum);
+        for i in 0..model_reals {
+            terms.add(factors.pair_real::<ROWS, CONTINUOUS>(side.real(i)), &mut sum);
         }
-        for slot in side.pairs() {
-            terms.add(factors.pair_pair::<ROWS, CONTINUOUS>(slot), &mut sum);
+        for i in 0..model_pairs {
+            terms.add(factors.pair_pair::<ROWS, CONTINUOUS>(side.pair(i)), &mut sum);
         }
         terms.finish(&mut sum);
     }

@@ -22,12 +22,14 @@ pub(super) struct Plan {
 pub(super) struct Plant<'a> {
     pub(super) places: &'a Places,
     pub(super) numbers: &'a [f64],
-    pub(super) plan: Plan,
+    /// Its place among the plans.
+    pub(super) plan: usize,
     /// Fields of the models with their factors in what the noise alone makes.
     pub(super) own: Vec<(usize, f64)>,
     /// Real modes, and of each pair the upper one, see [`Mode`]; complex numbers as two.
-    reals: Vec<f64>,
-    pairs: Vec<f64>,
+    modes: [Vec<f64>; 2],
+    /// Numbers of one of either.
+    lens: [usize; 2],
 }
 
 /// A mode of a plant: `lambda`, its column of `V`, its row of `V^-1 X`, the constants.
@@ -40,7 +42,8 @@ pub(super) struct Mode<'a> {
 }
 
 impl<'a> Plant<'a> {
-    pub(super) fn new(modal: &Modal, sides: &'a Sides, k: usize) -> Self {
+    /// Plant `k`; a plan that is not among `plans` joins them.
+    pub(super) fn new(modal: &Modal, sides: &'a Sides, k: usize, plans: &mut Vec<Plan>) -> Self {
         let (p, numbers) = (&sides.places, sides.plant(k));
         let plan = Plan::new(modal, p, numbers);
         let (mut reals, mut pairs) = (Vec::new(), Vec::new());
@@ -58,27 +61,38 @@ impl<'a> Plant<'a> {
             }
         }
         let own = own(modal, p, numbers);
-        Plant { places: p, numbers, plan, own, reals, pairs }
+        let at = plans.iter().position(|p| *p == plan).unwrap_or(plans.len());
+        let constants = plan.constants.len();
+        if at == plans.len() {
+            plans.push(plan);
+        }
+        let lens = [1 + 2 * p.shape.np + constants, 2 + 4 * p.shape.np + 2 * constants];
+        Plant { places: p, numbers, plan: at, own, modes: [reals, pairs], lens }
     }
 
-    /// Its real modes.
-    pub(super) fn reals(&self) -> impl Iterator<Item = Mode<'_>> {
-        let np = self.places.shape.np;
-        self.reals.chunks_exact(1 + 2 * np + self.plan.constants.len()).map(move |x| {
-            let (v, rest) = x[1..].split_at(np);
-            let (vx, constants) = rest.split_at(np);
-            Mode { value: (x[0], 0.0), v, vx, constants }
-        })
+    /// How many of its modes are real, and how many pairs there are.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        [self.modes[0].len() / self.lens[0], self.modes[1].len() / self.lens[1]]
     }
 
-    /// The upper members of its pairs.
-    pub(super) fn pairs(&self) -> impl Iterator<Item = Mode<'_>> {
+    /// Real mode `k`.
+    #[inline(always)]
+    pub(super) fn real(&self, k: usize) -> Mode<'_> {
         let np = self.places.shape.np;
-        self.pairs.chunks_exact(2 + 4 * np + 2 * self.plan.constants.len()).map(move |x| {
-            let (v, rest) = x[2..].split_at(2 * np);
-            let (vx, constants) = rest.split_at(2 * np);
-            Mode { value: (x[0], x[1]), v, vx, constants }
-        })
+        let x = &self.modes[0][k * self.lens[0]..][..self.lens[0]];
+        let (v, rest) = x[1..].split_at(np);
+        let (vx, constants) = rest.split_at(np);
+        Mode { value: (x[0], 0.0), v, vx, constants }
+    }
+
+    /// The upper member of pair `k`.
+    #[inline(always)]
+    pub(super) fn pair(&self, k: usize) -> Mode<'_> {
+        let np = self.places.shape.np;
+        let x = &self.modes[1][k * self.lens[1]..][..self.lens[1]];
+        let (v, rest) = x[2..].split_at(2 * np);
+        let (vx, constants) = rest.split_at(2 * np);
+        Mode { value: (x[0], x[1]), v, vx, constants }
     }
 }
 
@@ -147,7 +161,8 @@ pub(super) struct Side<'a, T> {
     fields: &'a [Block],
     /// Place of the first model in the blocks.
     at: usize,
-    plan: Option<&'a Plan>,
+    /// The plan that is followed, and its place.
+    plan: Option<(usize, &'a Plan)>,
     pub(super) numbers: Numbers<T>,
 }
 
@@ -159,12 +174,14 @@ pub(super) struct Numbers<T> {
     /// Real modes and pairs: `mu`, the factors of `kv`, of `tv` and of the constants.
     reals: Vec<T>,
     pairs: Vec<T>,
+    /// Numbers of one of either.
+    lens: [usize; 2],
 }
 
 impl<T> Default for Numbers<T> {
     fn default() -> Self {
         let none = Vec::new;
-        Numbers { rows: none(), c: none(), reals: none(), pairs: none() }
+        Numbers { rows: none(), c: none(), reals: none(), pairs: none(), lens: [0; 2] }
     }
 }
 
@@ -183,10 +200,10 @@ impl<'a, T: Real> Side<'a, T> {
         self.plan = None;
     }
 
-    /// Takes out what counts by `plan`.
+    /// Takes out what counts by the plan at this place.
     #[inline(always)]
-    pub(super) fn follow(&mut self, plan: &'a Plan) {
-        if self.plan == Some(plan) {
+    pub(super) fn follow(&mut self, at: usize, plan: &'a Plan) {
+        if self.plan.is_some_and(|(last, _)| last == at) {
             return;
         }
         let m = self.modal;
@@ -220,7 +237,9 @@ impl<'a, T: Real> Side<'a, T> {
                 }
             }
         }
-        self.plan = Some(plan);
+        let each = plan.of_a_mode.len();
+        self.numbers.lens = [each, 2 * each];
+        self.plan = Some((at, plan));
     }
 
     #[inline(always)]
@@ -243,21 +262,22 @@ impl<'a, T: Real> Side<'a, T> {
         &self.numbers.c[i * self.modal.n..][..self.modal.n]
     }
 
-    /// The modes that are real in every model.
-    #[inline(always)]
-    pub(super) fn reals(&self) -> std::slice::ChunksExact<'_, T> {
-        each(&self.numbers.reals, self.modal.reals)
+    /// How many modes are real in every model, and how many others are kept.
+    pub(super) fn counts(&self) -> [usize; 2] {
+        [self.modal.reals, self.modal.kept - self.modal.reals]
     }
 
-    /// The others.
+    /// The numbers of mode `k` of those that are real in every model.
     #[inline(always)]
-    pub(super) fn pairs(&self) -> std::slice::ChunksExact<'_, T> {
-        each(&self.numbers.pairs, self.modal.kept - self.modal.reals)
+    pub(super) fn real(&self, k: usize) -> &[T] {
+        let len = self.numbers.lens[0];
+        &self.numbers.reals[k * len..][..len]
     }
-}
 
-/// The slots of `count` modes.
-#[inline(always)]
-fn each<T>(numbers: &[T], count: usize) -> std::slice::ChunksExact<'_, T> {
-    numbers.chunks_exact((numbers.len() / count.max(1)).max(1))
+    /// The numbers of mode `k` of the others.
+    #[inline(always)]
+    pub(super) fn pair(&self, k: usize) -> &[T] {
+        let len = self.numbers.lens[1];
+        &self.numbers.pairs[k * len..][..len]
+    }
 }

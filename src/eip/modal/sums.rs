@@ -2,15 +2,17 @@
 
 mod side;
 mod terms;
+mod wide;
 
 use self::side::{Numbers, Plan, Plant, Side};
 use self::terms::{Factors, Terms};
+use self::wide::{Models, Wide};
 use super::Modal;
 use super::plants::{Sides, Way};
 use crate::real::Real;
 use crate::simd::{Kernel, LANES};
 
-/// A complex number in lanes: real and imaginary part.
+/// A complex number of some models: real and imaginary part.
 type Complex<T> = (T, T);
 
 /// The plants and where their energies go, plants by models.
@@ -25,6 +27,18 @@ impl Kernel for Sums<'_> {
 
     #[inline(always)]
     fn run<T: Real>(self) {
+        // eight lanes of `TILE` 2 are two registers already, and there are sixteen
+        if const { T::TILE == 4 } {
+            self.wide::<T, 2>();
+        } else {
+            self.wide::<T, 1>();
+        }
+    }
+}
+
+impl Sums<'_> {
+    #[inline(always)]
+    fn wide<T: Real, const V: usize>(self) {
         let Sums { modal, sides, out } = self;
         let (np, ny) = (sides.places.shape.np, modal.ny);
         let mut plans = Vec::new();
@@ -35,18 +49,23 @@ impl Kernel for Sums<'_> {
             }
         }
         let sizes = [modal.n, np, ny];
-        let mut work = modal.spare.take(|w: &Work<T>| w.sizes == sizes, || Work::new(sizes));
-        let mut side = Side::new(modal, std::mem::take(&mut work.side));
-        for first in (0..modal.n_models).step_by(T::LANES) {
-            let valid = T::LANES.min(modal.n_models - first);
+        let mut work =
+            modal.spare.take(|w: &Work<Wide<T, V>>| w.sizes == sizes, || Work::new(sizes));
+        let mut side = Side::<T, V>::new(modal, std::mem::take(&mut work.side));
+        for first in (0..modal.n_models).step_by(V * T::LANES) {
             side.enter(first);
             for (k, plant) in &plants {
                 let plan = &plans[plant.plan];
                 side.follow(plant.plan, plan);
                 let energy = energy(&side, plant, plan, &mut work);
-                let mut lanes = [0.0; LANES];
-                energy.store(&mut lanes);
-                out[k * modal.n_models + first..][..valid].copy_from_slice(&lanes[..valid]);
+                let mut row = &mut out[k * modal.n_models..][first..modal.n_models];
+                for v in 0..V {
+                    let mut lanes = [0.0; LANES];
+                    energy.0[v].store(&mut lanes);
+                    let (now, rest) = row.split_at_mut(T::LANES.min(row.len()));
+                    now.copy_from_slice(&lanes[..now.len()]);
+                    row = rest;
+                }
             }
         }
         work.side = side.numbers;
@@ -66,7 +85,7 @@ struct Work<T> {
     side: Numbers<T>,
 }
 
-impl<T: Real> Work<T> {
+impl<T: Models> Work<T> {
     fn new(sizes: [usize; 3]) -> Self {
         let [n, np, ny] = sizes;
         let zeros = |len| vec![(T::zero(), T::zero()); len];
@@ -83,14 +102,19 @@ impl<T: Real> Work<T> {
 
 /// The energy of a plant with a lane of models.
 #[inline(always)]
-fn energy<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work: &mut Work<T>) -> T {
+fn energy<T: Real, const V: usize>(
+    side: &Side<'_, T, V>,
+    plant: &Plant<'_>,
+    plan: &Plan,
+    work: &mut Work<Wide<T, V>>,
+) -> Wide<T, V> {
     let (m, p) = (side.modal, plant.places);
     let f = &m.fields;
     let (n, np, ny) = (m.n, p.shape.np, m.ny);
     differences(side, plant, plan, work);
-    let mut energy = T::zero();
+    let mut energy = Wide::zero();
     for &(field, factor) in &plant.own {
-        energy = side.field(field).mul_add(T::splat(factor), energy);
+        energy = side.field(field).mul_add(Wide::splat(factor), energy);
     }
     let x = &plant.numbers[p.x..][..np * np];
     if !plan.same_output {
@@ -111,17 +135,22 @@ fn energy<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work: &mu
     }
     // the usual: one parameter enters one row of A, or two
     let coupling = match (plan.rows.len(), plan.same_output, m.continuous) {
-        (1, true, true) => couplings::<T, 1, true>(side, plant, plan, work),
-        (2, true, true) => couplings::<T, 2, true>(side, plant, plan, work),
-        (_, _, true) => couplings::<T, 0, true>(side, plant, plan, work),
-        _ => couplings::<T, 0, false>(side, plant, plan, work),
+        (1, true, true) => couplings::<T, V, 1, true>(side, plant, plan, work),
+        (2, true, true) => couplings::<T, V, 2, true>(side, plant, plan, work),
+        (_, _, true) => couplings::<T, V, 0, true>(side, plant, plan, work),
+        _ => couplings::<T, V, 0, false>(side, plant, plan, work),
     };
-    coupling.mul_add(T::splat(if m.continuous { -2.0 } else { 2.0 }), energy)
+    coupling.mul_add(Wide::splat(if m.continuous { -2.0 } else { 2.0 }), energy)
 }
 
 /// Fills `D` (unless it is zero) and the rows of `N`.
 #[inline(always)]
-fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work: &mut Work<T>) {
+fn differences<T: Real, const V: usize>(
+    side: &Side<'_, T, V>,
+    plant: &Plant<'_>,
+    plan: &Plan,
+    work: &mut Work<Wide<T, V>>,
+) {
     let (m, p) = (side.modal, plant.places);
     let (np, same_output) = (p.shape.np, plan.same_output);
     let row = |at: usize, r: usize| &plant.numbers[at + r * np..][..np];
@@ -129,7 +158,7 @@ fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work
         for i in 0..m.ny {
             let d = &mut work.dd[i * np..][..np];
             for (d, &cy) in d.iter_mut().zip(row(p.cy, i)) {
-                *d = T::splat(cy);
+                *d = Wide::splat(cy);
             }
             for (d, &c) in d.iter_mut().zip(side.row_c(i)) {
                 *d = *d - c;
@@ -138,18 +167,18 @@ fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work
     }
     for (at, &r) in plan.rows.iter().enumerate() {
         let nn = &mut work.nn[at * np..][..np];
-        let (a, b, h) = side.row(at);
+        let [a, b, h] = side.row(at);
         let (leading, rest) = row(p.a, r).split_at(a.len());
         let (nn_leading, nn_rest) = nn.split_at_mut(a.len());
         for ((v, &x), &a) in nn_leading.iter_mut().zip(leading).zip(a) {
-            *v = T::splat(x) - a;
+            *v = Wide::splat(x) - a;
         }
         for (v, &x) in nn_rest.iter_mut().zip(rest) {
-            *v = T::splat(x);
+            *v = Wide::splat(x);
         }
         for (k, b) in b.iter().enumerate() {
             for (v, &cu) in nn.iter_mut().zip(row(p.cu, k)) {
-                *v = b.neg_mul_add(T::splat(cu), *v);
+                *v = b.neg_mul_add(Wide::splat(cu), *v);
             }
         }
         if !same_output {
@@ -166,18 +195,18 @@ fn differences<T: Real>(side: &Side<'_, T>, plant: &Plant<'_>, plan: &Plan, work
 /// one, counted twice, of the models'. With `ROWS` there are that many rows of `N`, and `D`
 /// is zero; without, what the plan says.
 #[inline(always)]
-fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
-    side: &Side<'_, T>,
+fn couplings<T: Real, const V: usize, const ROWS: usize, const CONTINUOUS: bool>(
+    side: &Side<'_, T, V>,
     plant: &Plant<'_>,
     plan: &Plan,
-    work: &mut Work<T>,
-) -> T {
+    work: &mut Work<Wide<T, V>>,
+) -> Wide<T, V> {
     let np = plant.places.shape.np;
     let rows = if ROWS > 0 { ROWS } else { plan.rows.len() };
     let outputs = if ROWS > 0 || plan.same_output { 0 } else { side.modal.ny };
     let Work { nn, dd, kv, tv, .. } = work;
     let (kv, tv) = (&mut kv[..rows + outputs], &mut tv[..rows]);
-    let mut sum = T::zero();
+    let mut sum = Wide::zero();
     let ([reals, pairs], [model_reals, model_pairs]) = (plant.counts(), side.counts());
     for k in 0..reals {
         let mode = plant.real(k);
@@ -224,7 +253,7 @@ fn couplings<T: Real, const ROWS: usize, const CONTINUOUS: bool>(
 
 /// `(M X M')_ij`, `M` given by its rows in lanes.
 #[inline(always)]
-fn form<T: Real>(x: &[f64], np: usize, m: &[T], i: usize, j: usize) -> T {
+fn form<T: Models>(x: &[f64], np: usize, m: &[T], i: usize, j: usize) -> T {
     let mut sum = T::zero();
     for p in 0..np {
         let mut xm = T::zero();
@@ -238,7 +267,7 @@ fn form<T: Real>(x: &[f64], np: usize, m: &[T], i: usize, j: usize) -> T {
 
 /// A row in lanes times a real column.
 #[inline(always)]
-fn real_row<T: Real>(row: &[T], column: &[f64]) -> T {
+fn real_row<T: Models>(row: &[T], column: &[f64]) -> T {
     // a loop, not a fold: closures are not compiled for the lanes' instructions
     let mut sum = T::zero();
     for (&r, &c) in row.iter().zip(column) {
@@ -249,7 +278,7 @@ fn real_row<T: Real>(row: &[T], column: &[f64]) -> T {
 
 /// A row in lanes times a complex column.
 #[inline(always)]
-fn complex_row<T: Real>(row: &[T], column: &[f64]) -> Complex<T> {
+fn complex_row<T: Models>(row: &[T], column: &[f64]) -> Complex<T> {
     let (mut re, mut im) = (T::zero(), T::zero());
     for (&r, c) in row.iter().zip(column.as_chunks::<2>().0) {
         re = r.mul_add(T::splat(c[0]), re);

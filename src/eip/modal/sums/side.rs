@@ -2,8 +2,9 @@
 
 use super::super::Modal;
 use super::super::plants::{Places, Sides};
+use super::wide::Wide;
 use crate::real::Real;
-use crate::simd::Block;
+use crate::simd::{Block, LANES};
 
 /// Which numbers count: the same for most plants of a study.
 #[derive(Clone, PartialEq)]
@@ -155,18 +156,19 @@ fn own(modal: &Modal, p: &Places, numbers: &[f64]) -> Vec<(usize, f64)> {
     own
 }
 
-/// A lane of models, with what counts of it one after the other.
-pub(super) struct Side<'a, T> {
+/// Models side by side, with what counts of them one after the other.
+pub(super) struct Side<'a, T, const V: usize> {
     pub(super) modal: &'a Modal,
-    fields: &'a [Block],
-    /// Place of the first model in the blocks.
+    /// The blocks of each lane.
+    fields: [&'a [Block]; V],
+    /// Place of its first model in the blocks.
     at: usize,
     /// The plan that is followed, and its place.
     plan: Option<(usize, &'a Plan)>,
-    pub(super) numbers: Numbers<T>,
+    pub(super) numbers: Numbers<Wide<T, V>>,
 }
 
-/// The numbers of a lane of models that count.
+/// The numbers of some models that count.
 pub(super) struct Numbers<T> {
     /// `A`, `B`, `H` of the rows that count.
     rows: Vec<T>,
@@ -185,18 +187,22 @@ impl<T> Default for Numbers<T> {
     }
 }
 
-impl<'a, T: Real> Side<'a, T> {
+impl<'a, T: Real, const V: usize> Side<'a, T, V> {
     /// Call [`Side::enter`] and [`Side::follow`] before use.
-    pub(super) fn new(modal: &'a Modal, numbers: Numbers<T>) -> Self {
-        Side { modal, fields: &[], at: 0, plan: None, numbers }
+    pub(super) fn new(modal: &'a Modal, numbers: Numbers<Wide<T, V>>) -> Self {
+        Side { modal, fields: [&[]; V], at: 0, plan: None, numbers }
     }
 
-    /// Goes to the lane of models from `first` on.
+    /// Goes to the models from `first` on; lanes that are not there repeat the first.
     #[inline(always)]
     pub(super) fn enter(&mut self, first: usize) {
         let total = self.modal.total();
-        self.fields = &self.modal.data[first / crate::simd::LANES * total..][..total];
-        self.at = first % crate::simd::LANES;
+        for v in 0..V {
+            let model = first + v * T::LANES;
+            let model = if model < self.modal.n_models { model } else { first };
+            self.fields[v] = &self.modal.data[model / LANES * total..][..total];
+        }
+        self.at = first % LANES;
         self.plan = None;
     }
 
@@ -243,22 +249,26 @@ impl<'a, T: Real> Side<'a, T> {
     }
 
     #[inline(always)]
-    pub(super) fn field(&self, field: usize) -> T {
-        T::load(&self.fields[field].0[self.at..])
+    pub(super) fn field(&self, field: usize) -> Wide<T, V> {
+        let mut out = [T::zero(); V];
+        for v in 0..V {
+            out[v] = T::load(&self.fields[v][field].0[self.at..]);
+        }
+        Wide(out)
     }
 
     /// `A`, `B`, `H` of the row of this place in the plan.
     #[inline(always)]
-    pub(super) fn row(&self, place: usize) -> (&[T], &[T], &[T]) {
+    pub(super) fn row(&self, place: usize) -> [&[Wide<T, V>]; 3] {
         let (n, nu, ny) = (self.modal.n, self.modal.nu, self.modal.ny);
         let (a, rest) = self.numbers.rows[place * (n + nu + ny)..][..n + nu + ny].split_at(n);
         let (b, h) = rest.split_at(nu);
-        (a, b, h)
+        [a, b, h]
     }
 
     /// Row `i` of `C`.
     #[inline(always)]
-    pub(super) fn row_c(&self, i: usize) -> &[T] {
+    pub(super) fn row_c(&self, i: usize) -> &[Wide<T, V>] {
         &self.numbers.c[i * self.modal.n..][..self.modal.n]
     }
 
@@ -269,14 +279,14 @@ impl<'a, T: Real> Side<'a, T> {
 
     /// The numbers of mode `k` of those that are real in every model.
     #[inline(always)]
-    pub(super) fn real(&self, k: usize) -> &[T] {
+    pub(super) fn real(&self, k: usize) -> &[Wide<T, V>] {
         let len = self.numbers.lens[0];
         &self.numbers.reals[k * len..][..len]
     }
 
     /// The numbers of mode `k` of the others.
     #[inline(always)]
-    pub(super) fn pair(&self, k: usize) -> &[T] {
+    pub(super) fn pair(&self, k: usize) -> &[Wide<T, V>] {
         let len = self.numbers.lens[1];
         &self.numbers.pairs[k * len..][..len]
     }

@@ -3,7 +3,7 @@
 
 use super::Complex;
 use super::side::Mode;
-use crate::real::Real;
+use super::wide::Models;
 
 /// A mode of the plant with its products: `K = (U' Z) kv`, `T = U^-1 tv + const`.
 pub(super) struct Factors<'a, T> {
@@ -27,7 +27,7 @@ fn front<T, const ROWS: usize>(x: &[T], len: usize, width: usize) -> (&[T], &[T]
     x.split_at(if ROWS > 0 { ROWS * width } else { len * width })
 }
 
-impl<T: Real> Factors<'_, T> {
+impl<T: Models> Factors<'_, T> {
     #[inline(always)]
     fn apart<'s, const ROWS: usize>(&self, slot: &'s [T], width: usize) -> Slot<'s, T> {
         let (k, rest) = front::<T, ROWS>(slot, self.kv.len(), width);
@@ -167,7 +167,7 @@ pub(super) struct Terms<T> {
     held: (T, T),
 }
 
-impl<T: Real> Terms<T> {
+impl<T: Models> Terms<T> {
     #[inline(always)]
     pub(super) fn new() -> Self {
         Terms { count: 0, held: (T::zero(), T::one()) }
@@ -196,14 +196,14 @@ impl<T: Real> Terms<T> {
 
 /// Numerator and denominator of `Re(product / d)`.
 #[inline(always)]
-fn real_part<T: Real>(product: Complex<T>, d: Complex<T>) -> (T, T) {
+fn real_part<T: Models>(product: Complex<T>, d: Complex<T>) -> (T, T) {
     (product.1.mul_add(d.1, product.0 * d.0), d.0.mul_add(d.0, d.1 * d.1))
 }
 
 /// Adds the products of the parts of `a b`: from their sums come both `sum a b` and
 /// `sum a conj(b)`.
 #[inline(always)]
-fn add_product<T: Real>(sums: &mut [T; 4], a: &[T; 2], b: Complex<T>) {
+fn add_product<T: Models>(sums: &mut [T; 4], a: &[T; 2], b: Complex<T>) {
     sums[0] = a[0].mul_add(b.0, sums[0]);
     sums[1] = a[1].mul_add(b.1, sums[1]);
     sums[2] = a[0].mul_add(b.1, sums[2]);
@@ -212,18 +212,18 @@ fn add_product<T: Real>(sums: &mut [T; 4], a: &[T; 2], b: Complex<T>) {
 
 /// `sum a b`.
 #[inline(always)]
-fn plain<T: Real>(sums: [T; 4]) -> Complex<T> {
+fn plain<T: Models>(sums: [T; 4]) -> Complex<T> {
     (sums[0] - sums[1], sums[3] + sums[2])
 }
 
 /// `sum a conj(b)`.
 #[inline(always)]
-fn conjugated<T: Real>(sums: [T; 4]) -> Complex<T> {
+fn conjugated<T: Models>(sums: [T; 4]) -> Complex<T> {
     (sums[0] + sums[1], sums[3] - sums[2])
 }
 
 /// `a b`.
 #[inline(always)]
-fn times<T: Real>(a: Complex<T>, b: Complex<T>) -> Complex<T> {
+fn times<T: Models>(a: Complex<T>, b: Complex<T>) -> Complex<T> {
     (a.1.neg_mul_add(b.1, a.0 * b.0), a.1.mul_add(b.0, a.0 * b.1))
 }

@@ -1,11 +1,12 @@
-"""What SciPy, SLICOT and NumPy do with the problems: each returns X, or Upsilon."""
+"""Who takes part in each case; what SciPy and SLICOT do with equations."""
 
 import bank
+import eip
 import least_squares
 import numpy as np
 import scipy.linalg as sl
 import slicot
-from problems import C_K, LENGTHS, NOMINALS, THETA, closed_loop, pendulum, problems
+from problems import problems
 
 try:
     import slycot
@@ -52,75 +53,10 @@ def in_a_loop(one, kind, n):
     return run
 
 
-def observer(length):
-    a, bu, g5, c = pendulum(length)
-    p = sl.solve_continuous_are(a.T, c.T, g5 @ g5.T, THETA)
-    h = p @ c.T @ np.linalg.inv(THETA)
-    return a, bu, h, a - h @ c
-
-
-E_ROWS = np.eye(5, 9)
-C_ROWS = np.eye(2, 5)
-C_U = np.hstack([np.zeros((1, 5)), C_K])
-WEIGHT = np.linalg.inv(THETA)
-D_Y = np.hstack([np.zeros((2, 1)), np.sqrt(THETA)])
-
-
-def eip_scipy():
-    """One Lyapunov equation of order 14 per pair (Bartels and Stewart)."""
-    models = [observer(length) for length in NOMINALS]
-    upsilon = np.empty((len(LENGTHS), len(models)))
-    for k, length in enumerate(LENGTHS):
-        loop, noise = closed_loop(length)
-        for i, (a, bu, h, f) in enumerate(models):
-            drift = E_ROWS @ loop - a @ E_ROWS - bu @ C_U
-            low = E_ROWS @ noise - h @ D_Y
-            big = np.block([[loop, np.zeros((9, 5))], [drift, f]])
-            g = np.vstack([noise, low])
-            x = sl.solve_continuous_lyapunov(big, -g @ g.T)
-            upsilon[k, i] = 0.5 * np.trace(WEIGHT @ x[9:11, 9:11])
-    return summary(upsilon)
-
-
-def eip_numpy(lengths=LENGTHS, nominals=NOMINALS, spacing=1):
-    """The same by eigenvectors, all plants at once: no Lyapunov equation per pair. The
-    mean is that of every `spacing`-th plant."""
-    models = [observer(length) for length in nominals]
-    loops = [closed_loop(length) for length in lengths]
-    loop, noise = (np.array([p[j] for p in loops]) for j in (0, 1))
-    lam, v = np.linalg.eig(loop)
-    vi = np.linalg.inv(v)
-    bb = vi @ (noise @ noise.transpose(0, 2, 1)) @ vi.transpose(0, 2, 1)
-    x = (v @ (-bb / (lam[:, :, None] + lam[:, None, :])) @ v.transpose(0, 2, 1)).real
-    upsilon = np.empty((len(lengths), len(models)))
-    for i, (a, bu, h, f) in enumerate(models):
-        z = sl.solve_continuous_lyapunov(f.T, -C_ROWS.T @ WEIGHT @ C_ROWS)
-        drift = E_ROWS @ loop - a @ E_ROWS - bu @ C_U
-        low = E_ROWS @ noise - h @ D_Y
-        mu, u = np.linalg.eig(f)
-        rhs = x @ drift.transpose(0, 2, 1) + noise @ low.transpose(0, 2, 1)
-        modal = vi @ rhs @ np.linalg.inv(u).T
-        x12 = -(v @ (modal / (lam[:, :, None] + mu)) @ u.T).real
-        own = np.einsum("ij,kil,kjl->k", z, low, low)
-        cross = 2.0 * np.einsum("ij,kjl,kli->k", z, drift, x12)
-        upsilon[:, i] = 0.5 * (own + cross)
-    return upsilon.size, summary(upsilon[::spacing])[1]
-
-
-def eip_numpy_256():
-    return eip_numpy(np.linspace(0.9, 1.9, 4001), np.linspace(0.9, 1.9, 256), 100)
-
-
-def summary(upsilon):
-    return upsilon.size, float(np.mean(np.log(upsilon)))
-
-
 def contenders(case):
     """Name and function of everyone who takes part in `case`."""
-    if case == "eip_pendulum":
-        return {"SciPy, Lyapunov per pair": eip_scipy, "NumPy, eigenvectors": eip_numpy}
-    if case == "eip_pendulum_N256":
-        return {"NumPy, eigenvectors": eip_numpy_256}
+    if case.startswith("eip_"):
+        return eip.contenders(case.removeprefix("eip_"))
     if case.startswith("bank_"):
         return bank.contenders(case.removeprefix("bank_"))
     if case.startswith("simulate_"):

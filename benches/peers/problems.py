@@ -128,3 +128,19 @@ def closed_loop(length):
     loop = np.block([[a, bu @ C_K], [B_K @ c, A_K]])
     noise = np.block([[g5, np.zeros((5, 2))], [np.zeros((4, 1)), B_K @ np.sqrt(THETA)]])
     return loop, noise
+
+
+# Two masses and a spring `k` between them, see benches/throughput/eip.rs.
+
+MASSES_R = np.array([[0.01]])
+
+
+def masses(k):
+    """A and G, states [x1, x2, v1, v2]."""
+    a = np.zeros((4, 4))
+    a[0, 2] = a[1, 3] = 1.0
+    a[2] = [-k - 0.5, k, -0.2, 0.1]
+    a[3] = [k, -k - 0.5, 0.1, -0.2]
+    g = np.zeros((4, 1))
+    g[2] = 1.0
+    return a, g

@@ -8,8 +8,8 @@ use super::weighting::{Innovation, Mixing, Weighting};
 use crate::bank::{Bank, GainMode, Members, Schedule, Settings, Step};
 use crate::error::{Error, Result};
 use crate::model::Plant;
-use crate::real::{Real, exp, ln};
-use crate::weight::{Evidence, Law, OdeNodes, Weights};
+use crate::real::{LaneKernel, Real, exp, ln};
+use crate::weight::{Evidence, Law, OdeNodes, TOGETHER, Weights};
 
 /// Multiple-model adaptive estimator: predict, innovate, weigh, fuse.
 #[derive(Debug, Clone)]
@@ -123,9 +123,7 @@ impl Mmae {
         let seen = y.iter().any(|v| !v.is_nan());
         self.estimate.nis.copy_from_slice(&step.nis);
         self.estimate.r.copy_from_slice(&step.r);
-        self.weigh(seen);
-        self.weights.leave_out(&self.estimate.failed);
-        self.fuse();
+        f64::outline(Judge { engine: self, seen: Some(seen) });
         if self.estimate.failed.iter().all(|f| *f) {
             return Err(Error::AllFailed {
                 what: "models",
@@ -142,6 +140,7 @@ impl Mmae {
     }
 
     /// Moves the weights by what the bank found.
+    #[inline(always)]
     fn weigh(&mut self, seen: bool) {
         let step: &Step = self.bank.last();
         let e = &mut self.estimate;
@@ -185,6 +184,11 @@ impl Mmae {
 
     /// Fused estimate and figures from weights and states.
     fn fuse(&mut self) {
+        f64::outline(Judge { engine: self, seen: None });
+    }
+
+    #[inline(always)]
+    fn fuse_here(&mut self) {
         let e = &mut self.estimate;
         e.log_p.copy_from_slice(self.weights.log_p());
         self.weights.p_into(&mut e.p);
@@ -343,6 +347,28 @@ impl Mmae {
     }
 }
 
+/// Weights after a measurement, if there was one (`seen` if anything was measured then),
+/// and what is fused with them: in a function of its own, where a fused multiply-add is an
+/// instruction and not a call.
+struct Judge<'a> {
+    engine: &'a mut Mmae,
+    seen: Option<bool>,
+}
+
+impl LaneKernel<f64> for Judge<'_> {
+    type Out = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Judge { engine, seen } = self;
+        if let Some(seen) = seen {
+            engine.weigh(seen);
+            engine.weights.leave_out(&engine.estimate.failed);
+        }
+        engine.fuse_here();
+    }
+}
+
 /// The settings of a bank as its law wants them.
 fn bank_settings(settings: &Settings, law: Law, innovation: &Innovation) -> Settings {
     let mut settings = settings.clone();
@@ -365,9 +391,24 @@ pub(super) fn mixture_log_lik<T: Real>(log_p: &[T], log_lik: &[T]) -> T {
     }
     let shift = T::select(top.is_finite(), top, T::zero());
     let mut sum = T::zero();
-    for i in 0..log_p.len() {
-        let term = log_p[i] + log_lik[i];
-        sum = T::select(term.eq(term), sum + exp(term - shift), sum);
+    if const { T::LANES > 1 } {
+        for i in 0..log_p.len() {
+            let term = log_p[i] + log_lik[i];
+            sum = T::select(term.eq(term), sum + exp(term - shift), sum);
+        }
+    } else {
+        // one record: its models in lanes
+        for (log_p, log_lik) in log_p.chunks(TOGETHER).zip(log_lik.chunks(TOGETHER)) {
+            let mut terms = [T::zero(); TOGETHER];
+            let terms = &mut terms[..log_p.len()];
+            for i in 0..terms.len() {
+                terms[i] = (log_p[i] + log_lik[i]) - shift;
+            }
+            T::exp_each(terms);
+            for &mut term in terms {
+                sum = T::select(term.eq(term), sum + term, sum);
+            }
+        }
     }
     T::select(top.is_finite(), top + ln(sum), top)
 }

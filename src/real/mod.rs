@@ -217,6 +217,14 @@ pub trait Real:
         (m, Self::select(high, e + Self::one(), e))
     }
 
+    /// `e^x` of each number, in place: one number at a time has its lanes here, too.
+    #[inline(always)]
+    fn exp_each(numbers: &mut [Self]) {
+        for x in numbers {
+            *x = exp(*x);
+        }
+    }
+
     /// Runs `k` in a function of its own, compiled once per tier with the
     /// tier's instruction set, where inlining at every call site would cost
     /// more build time and code than the call.

@@ -123,6 +123,10 @@ impl Real for f64 {
         (significand, biased - TWO_52_BIASED)
     }
     #[inline(always)]
+    fn exp_each(numbers: &mut [Self]) {
+        simd::exp_each(numbers);
+    }
+    #[inline(always)]
     fn outline<K: LaneKernel<Self>>(k: K) -> K::Out {
         simd::outline_scalar(k)
     }

@@ -15,6 +15,7 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 mod dispatch;
+mod each;
 mod grid;
 mod prefetch;
 mod storage;
@@ -22,6 +23,7 @@ mod storage;
 pub use crate::real::Tier;
 pub use dispatch::{Kernel, dispatch, dispatch_on};
 pub(crate) use dispatch::{dispatch_twice, outline_scalar, outline_twice};
+pub(crate) use each::exp_each;
 pub(crate) use grid::{Grid, GridMut, Walk};
 pub(crate) use prefetch::prefetch;
 pub use storage::{Block, LANES, Panel, groups, load_group, store_group};

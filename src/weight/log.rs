@@ -29,14 +29,32 @@ pub(super) fn largest<T: Real>(l: &[T]) -> T {
     top
 }
 
+/// Numbers of one record whose exponentials are taken together.
+pub(crate) const TOGETHER: usize = 64;
+
 /// `ln sum e^{l_i}`; `-inf` where every term is.
 #[inline(always)]
 pub(super) fn log_sum_exp<T: Real>(l: &[T]) -> T {
     let top = largest(l);
     let shift = T::select(top.is_finite(), top, T::zero());
     let mut sum = T::zero();
-    for &x in l {
-        sum = sum + exp(x - shift);
+    if const { T::LANES > 1 } {
+        for &x in l {
+            sum = sum + exp(x - shift);
+        }
+    } else {
+        // one record: its models in lanes
+        for part in l.chunks(TOGETHER) {
+            let mut terms = [T::zero(); TOGETHER];
+            let terms = &mut terms[..part.len()];
+            for (term, &x) in terms.iter_mut().zip(part) {
+                *term = x - shift;
+            }
+            T::exp_each(terms);
+            for &mut term in terms {
+                sum = sum + term;
+            }
+        }
     }
     T::select(top.is_finite(), shift + ln(sum), top)
 }

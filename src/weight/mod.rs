@@ -27,6 +27,7 @@ mod state;
 mod zhang;
 
 pub use law::{DwsgScheme, Law, Modifiers, Window};
+pub(crate) use log::TOGETHER;
 pub use markov::Transition;
 pub use ode::OdeNodes;
 pub use posterior::posterior;

@@ -7,7 +7,7 @@ use super::markov::Transition;
 use super::ode::{self, OdeNodes};
 use super::zhang::Energies;
 use crate::error::{Error, Result};
-use crate::real::{Mask, Real, exp};
+use crate::real::{Mask, Real};
 
 /// What one step says of each model.
 #[derive(Debug, Clone, Copy)]
@@ -176,9 +176,9 @@ impl<T: Real> Weights<T> {
     /// Writes `p`.
     #[inline(always)]
     pub fn p_into(&self, p: &mut [T]) {
-        for i in 0..self.log_p.len() {
-            p[i] = exp(self.log_p[i]);
-        }
+        let p = &mut p[..self.log_p.len()];
+        p.copy_from_slice(&self.log_p);
+        T::exp_each(p);
     }
 
     /// Time goes on by a step: models may change, if a transition was given.

@@ -27,6 +27,7 @@ mod schedule;
 mod states;
 mod stream;
 mod tile;
+mod wide;
 
 pub(crate) use filter::by_size;
 pub use gains::{Coefficients, GainMode, Gains, Settings};

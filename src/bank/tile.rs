@@ -12,7 +12,7 @@
 
 use super::filter::{Filter, SizedFilter, by_size, filter_step};
 use super::schedule::Schedule;
-use super::states::{Repeat, correct, innovate, propagate, whiten};
+use super::wide::wide_step;
 use crate::real::{LaneKernel, Real};
 
 /// Some steps; run by `T::outline`.
@@ -115,74 +115,38 @@ impl<T: Real, const V: usize> Tile<'_, T, V> {
         }
     }
 
-    /// The same for sizes of run time, a vector at a time.
+    /// The same for sizes of run time.
     #[inline(always)]
     fn any(self) {
         let Schedule { n, m, q, .. } = *self.schedule;
-        let steps = self.y.len() / (q * V);
-        let inputs = self.u.len() / (steps * V).max(1);
-        self.scratch.resize(2 * (n + q) + inputs, T::zero());
-        let (x, rest) = self.scratch.split_at_mut(n);
-        let (next, rest) = rest.split_at_mut(n);
-        let (y, rest) = rest.split_at_mut(q);
-        let (r, u) = rest.split_at_mut(q);
+        let measured = self.y.as_chunks::<V>().0;
+        let commands = self.u.as_chunks::<V>().0;
+        let states = self.x.as_chunks_mut::<V>().0;
+        let totals = self.total.as_chunks_mut::<V>().0;
+        let squares = self.nis.as_chunks_mut::<V>().0;
+        let steps = measured.len() / q;
+        let inputs = commands.len() / steps.max(1);
+        self.scratch.resize((n + q) * V, T::zero());
+        let (next, r) = self.scratch.as_chunks_mut::<V>().0.split_at_mut(n);
         for s in 0..steps {
-            let Some([fixed, moving]) =
-                self.schedule.of_all(self.schedule.place(self.k + s as u64))
-            else {
+            let place = self.schedule.place(self.k + s as u64);
+            let Some([fixed, moving]) = self.schedule.of_all(place) else {
                 return;
             };
-            for i in 0..self.total.len() / V {
+            let (u, y) = (&commands[s * inputs..][..inputs], &measured[s * q..][..q]);
+            for i in 0..totals.len() {
                 let f = Filter::of(i, fixed, moving, [n, m, q]);
+                let x = &mut states[i * n..][..n];
+                let square = wide_step(f, self.still, u, y, x, next, r);
+                let log_norm = T::splat(f.log_norm);
                 for v in 0..V {
-                    let square = if V == 1 {
-                        let (u, y) = (&self.u[s * inputs..][..inputs], &self.y[s * q..][..q]);
-                        let x = &mut self.x[i * n..][..n];
-                        step_of_any(f, self.still, u, y, x, next, r)
-                    } else {
-                        for j in 0..n {
-                            x[j] = self.x[(i * n + j) * V + v];
-                        }
-                        for p in 0..q {
-                            y[p] = self.y[(s * q + p) * V + v];
-                        }
-                        for j in 0..inputs {
-                            u[j] = self.u[(s * inputs + j) * V + v];
-                        }
-                        let square = step_of_any(f, self.still, u, y, x, next, r);
-                        for j in 0..n {
-                            self.x[(i * n + j) * V + v] = x[j];
-                        }
-                        square
-                    };
-                    let at = i * V + v;
-                    let more = T::splat(0.5).neg_mul_add(square, T::splat(f.log_norm));
-                    self.total[at] = self.total[at] + more;
-                    if at < self.nis.len() {
-                        self.nis[at] = square;
-                    }
+                    let more = T::splat(0.5).neg_mul_add(square[v], log_norm);
+                    totals[i][v] = totals[i][v] + more;
+                }
+                if i < squares.len() {
+                    squares[i] = square;
                 }
             }
         }
     }
-}
-
-/// A step of one filter; `next` and `r` are scratch.
-#[inline(always)]
-fn step_of_any<T: Real>(
-    f: Filter<'_>,
-    still: bool,
-    u: &[T],
-    y: &[T],
-    x: &mut [T],
-    next: &mut [T],
-    r: &mut [T],
-) -> T {
-    if !still {
-        propagate(Repeat(f.a), Repeat(f.b), u, x, next);
-    }
-    innovate(Repeat(f.c), x, y, r);
-    let square = whiten(Repeat(f.w), r);
-    correct(Repeat(f.k), r, x);
-    square
 }

@@ -135,10 +135,9 @@ impl Kernel for Totals<'_> {
     fn run<T: Real>(mut self) {
         // a coefficient that is loaded serves so many vectors of records
         if const { T::TILE == 4 } {
-            match self.schedule.n {
-                0..=3 => self.records::<T, 4>(),
-                4..=6 => self.records::<T, 2>(),
-                _ => self.records::<T, 1>(),
+            match (self.schedule.n, self.schedule.q) {
+                (4..=6, 1..=2) => self.records::<T, 2>(),
+                _ => self.records::<T, 4>(),
             }
         } else {
             // eight lanes are two registers already, and there are sixteen

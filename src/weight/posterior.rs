@@ -2,7 +2,7 @@
 
 use super::state::check_prior;
 use crate::error::{Error, Result};
-use crate::real::{Real, exp};
+use crate::real::{Mask, Real, exp};
 use crate::simd::{Block, Kernel, dispatch};
 
 /// Probabilities of the models after each record, shape (record, model), from the
@@ -59,17 +59,25 @@ impl Kernel for Posterior<'_> {
         let lanes = T::LANES * models;
         for (log_lik, out) in self.log_lik.chunks(lanes).zip(self.p.chunks_mut(lanes)) {
             let last = log_lik.len() / models - 1;
-            let mut top = T::splat(f64::NEG_INFINITY);
+            let none = T::splat(f64::NEG_INFINITY);
+            let mut best = none;
             for i in 0..models {
                 let mut of_model = Block::default();
                 for l in 0..T::LANES {
                     of_model.0[l] = log_lik[l.min(last) * models + i];
                 }
-                let l = T::load(&of_model.0) + T::splat(self.log_prior[i]);
-                p[i] = T::select(l.eq(l), l, T::splat(f64::NEG_INFINITY));
+                let l = T::load(&of_model.0);
+                let counts = self.log_prior[i] > f64::NEG_INFINITY;
+                p[i] = T::select(l.eq(l) & T::Mask::splat(counts), l, none);
+                best = best.max(p[i]);
+            }
+            // differences first: long records have large sums, and priors have digits
+            let mut top = none;
+            for i in 0..models {
+                p[i] = (p[i] - best) + T::splat(self.log_prior[i]);
                 top = top.max(p[i]);
             }
-            let none = T::select(top.is_finite(), T::zero(), T::splat(f64::NAN));
+            let none = T::select(best.is_finite(), T::zero(), T::splat(f64::NAN));
             let mut sum = none;
             for p in &mut p {
                 *p = exp(*p - top);

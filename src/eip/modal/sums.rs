@@ -207,7 +207,7 @@ fn couplings<T: Real, const V: usize, const ROWS: usize, const CONTINUOUS: bool>
     let Work { nn, dd, kv, tv, .. } = work;
     let (kv, tv) = (&mut kv[..rows + outputs], &mut tv[..rows]);
     let mut sum = Wide::zero();
-    let ([reals, pairs], [model_reals, model_pairs]) = (plant.counts(), side.counts());
+    let ([reals, pairs], [model_reals, model_pairs]) = (plant.counts, side.counts());
     for k in 0..reals {
         let mode = plant.real(k);
         for r in 0..rows {

@@ -31,6 +31,8 @@ pub(super) struct Plant<'a> {
     modes: [Vec<f64>; 2],
     /// Numbers of one of either.
     lens: [usize; 2],
+    /// How many of its modes are real, and how many pairs there are.
+    pub(super) counts: [usize; 2],
 }
 
 /// A mode of a plant: `lambda`, its column of `V`, its row of `V^-1 X`, the constants.
@@ -68,12 +70,8 @@ impl<'a> Plant<'a> {
             plans.push(plan);
         }
         let lens = [1 + 2 * p.shape.np + constants, 2 + 4 * p.shape.np + 2 * constants];
-        Plant { places: p, numbers, plan: at, own, modes: [reals, pairs], lens }
-    }
-
-    /// How many of its modes are real, and how many pairs there are.
-    pub(super) fn counts(&self) -> [usize; 2] {
-        [self.modes[0].len() / self.lens[0], self.modes[1].len() / self.lens[1]]
+        let counts = [reals.len() / lens[0], pairs.len() / lens[1]];
+        Plant { places: p, numbers, plan: at, own, modes: [reals, pairs], lens, counts }
     }
 
     /// Real mode `k`.
@@ -163,8 +161,8 @@ pub(super) struct Side<'a, T, const V: usize> {
     fields: [&'a [Block]; V],
     /// Place of its first model in the blocks.
     at: usize,
-    /// The plan that is followed, and its place.
-    plan: Option<(usize, &'a Plan)>,
+    /// The place of the plan that is followed.
+    plan: Option<usize>,
     pub(super) numbers: Numbers<Wide<T, V>>,
 }
 
@@ -208,8 +206,8 @@ impl<'a, T: Real, const V: usize> Side<'a, T, V> {
 
     /// Takes out what counts by the plan at this place.
     #[inline(always)]
-    pub(super) fn follow(&mut self, at: usize, plan: &'a Plan) {
-        if self.plan.is_some_and(|(last, _)| last == at) {
+    pub(super) fn follow(&mut self, place: usize, plan: &Plan) {
+        if self.plan == Some(place) {
             return;
         }
         let m = self.modal;
@@ -245,7 +243,7 @@ impl<'a, T: Real, const V: usize> Side<'a, T, V> {
         }
         let each = plan.of_a_mode.len();
         self.numbers.lens = [each, 2 * each];
-        self.plan = Some((at, plan));
+        self.plan = Some(place);
     }
 
     #[inline(always)]

@@ -24,18 +24,15 @@ pub(super) fn wide_step<T: Real, const V: usize>(
     next: &mut [[T; V]],
     r: &mut [[T; V]],
 ) -> [T; V] {
-    if !still {
-        for sum in next.iter_mut() {
-            *sum = [T::zero(); V];
-        }
-        add_product::<T, V, false>(f.a, x, next);
+    if still {
+        next.copy_from_slice(x);
+    } else {
+        product::<T, V, false>(f.a, x, Start::Zero, next);
         if !u.is_empty() {
-            add_product::<T, V, false>(f.b, u, next);
+            product::<T, V, false>(f.b, u, Start::Here, next);
         }
-        x.copy_from_slice(next);
     }
-    r.copy_from_slice(y);
-    add_product::<T, V, true>(f.c, x, r);
+    product::<T, V, true>(f.c, next, Start::At(y), r);
     let q = r.len();
     let mut square = [T::zero(); V];
     for p in 0..q {
@@ -50,47 +47,64 @@ pub(super) fn wide_step<T: Real, const V: usize>(
             square[v] = z[v].mul_add(z[v], square[v]);
         }
     }
-    add_product::<T, V, false>(f.k, r, x);
+    product::<T, V, false>(f.k, r, Start::At(next), x);
     square
 }
 
-/// `sum += A x`, or `sum -= A x`, four rows side by side.
+/// What a product is added to, or subtracted from.
+#[derive(Clone, Copy)]
+enum Start<'a, T, const V: usize> {
+    Zero,
+    At(&'a [[T; V]]),
+    /// What is in the place of the result.
+    Here,
+}
+
+/// `out = start + A x`, or `start - A x`, four rows side by side.
 #[inline(always)]
-fn add_product<T: Real, const V: usize, const MINUS: bool>(
+fn product<T: Real, const V: usize, const MINUS: bool>(
     a: &[f64],
     x: &[[T; V]],
-    sum: &mut [[T; V]],
+    start: Start<'_, T, V>,
+    out: &mut [[T; V]],
 ) {
-    let (fours, rest) = sum.as_chunks_mut::<4>();
-    let mut at = 0;
-    for sum in fours {
-        rows::<T, V, 4, MINUS>(&a[at..], x, sum);
-        at += 4 * x.len();
+    let len = out.len();
+    let mut i = 0;
+    while i + 4 <= len {
+        rows::<T, V, 4, MINUS>(a, x, start, out, i);
+        i += 4;
     }
-    let (pair, single) = rest.as_chunks_mut::<2>();
-    for sum in pair {
-        rows::<T, V, 2, MINUS>(&a[at..], x, sum);
-        at += 2 * x.len();
+    if i + 2 <= len {
+        rows::<T, V, 2, MINUS>(a, x, start, out, i);
+        i += 2;
     }
-    for sum in single.as_chunks_mut::<1>().0 {
-        rows::<T, V, 1, MINUS>(&a[at..], x, sum);
+    if i < len {
+        rows::<T, V, 1, MINUS>(a, x, start, out, i);
     }
 }
 
-/// The first `R` rows of `a` times `x`.
+/// Rows `i` to `i + R - 1`.
 #[inline(always)]
 fn rows<T: Real, const V: usize, const R: usize, const MINUS: bool>(
     a: &[f64],
     x: &[[T; V]],
-    sum: &mut [[T; V]; R],
+    start: Start<'_, T, V>,
+    out: &mut [[T; V]],
+    i: usize,
 ) {
     let n = x.len();
     let mut row: [&[f64]; R] = [&[]; R];
     for r in 0..R {
-        row[r] = &a[r * n..][..n];
+        row[r] = &a[(i + r) * n..][..n];
     }
+    let out = &mut out[i..][..R];
     // in registers: behind the reference they would be written at every entry
-    let mut sums = *sum;
+    let mut sums = [[T::zero(); V]; R];
+    match start {
+        Start::Zero => {}
+        Start::At(start) => sums.copy_from_slice(&start[i..][..R]),
+        Start::Here => sums.copy_from_slice(out),
+    }
     for (j, x) in x.iter().enumerate() {
         for r in 0..R {
             let entry = T::splat(row[r][j]);
@@ -103,5 +117,5 @@ fn rows<T: Real, const V: usize, const R: usize, const MINUS: bool>(
             }
         }
     }
-    *sum = sums;
+    out.copy_from_slice(&sums);
 }

@@ -5,7 +5,7 @@
 //! times slower, with the same results, on every machine of that tier and on no other. So
 //! the program is searched for such calls, those of tiers that this machine lacks too.
 
-#![cfg(all(target_arch = "x86_64", target_os = "linux", not(debug_assertions)))]
+#![cfg(all(feature = "cli", target_arch = "x86_64", target_os = "linux", not(debug_assertions)))]
 
 use std::collections::{BTreeMap, BTreeSet};
 
